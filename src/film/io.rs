@@ -1,0 +1,1 @@
+//! Files: EXR in and out, PNG out after the tone map.

@@ -1,0 +1,117 @@
+//! Analytic shapes as triangles, in f64, before the scene is recentred.
+
+use crate::math::{DAffine3, DVec3, Vec2, Vec3};
+
+/// Triangles in world coordinates, as a reader hands them over.
+#[derive(Debug, Clone, Default)]
+pub struct Triangles {
+    /// Vertex positions in world coordinates.
+    pub positions: Vec<DVec3>,
+    /// Shading normals; empty: none.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates; empty: none.
+    pub uvs: Vec<Vec2>,
+    /// Vertex indices.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Triangles {
+    /// Reverses the winding, and with it the geometric normals.
+    pub fn flip(&mut self) {
+        self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+}
+
+/// Normals transform by the inverse transpose; a mirroring `to_world` turns the cross product but not such a normal, so the
+/// winding of an analytic shape is reversed to keep its normal.
+fn keep_normal(mut shape: Triangles, to_world: &DAffine3) -> Triangles {
+    if to_world.matrix3.determinant() < 0.0 {
+        shape.flip();
+    }
+    shape
+}
+
+/// The square [-1, 1]² at z = 0 with normal +z and uv = (p + 1)/2.
+pub fn rectangle(to_world: &DAffine3) -> Triangles {
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+    let shape = Triangles {
+        positions: corners.map(|(x, y)| to_world.transform_point3(DVec3::new(x, y, 0.0))).to_vec(),
+        normals: Vec::new(),
+        uvs: corners.map(|(x, y)| Vec2::new((x as f32 + 1.0) / 2.0, (y as f32 + 1.0) / 2.0)).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    keep_normal(shape, to_world)
+}
+
+/// The cube [-1, 1]³ with outward normals; each face has uv in the unit square.
+pub fn cube(to_world: &DAffine3) -> Triangles {
+    let mut shape = Triangles::default();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
+            let base = shape.positions.len() as u32;
+            for (u, v) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                let mut p = DVec3::ZERO;
+                p[axis] = sign;
+                // On the negative side the two tangents change places, so that the winding stays outward.
+                (p[a], p[b]) = if sign > 0.0 { (u, v) } else { (v, u) };
+                shape.positions.push(to_world.transform_point3(p));
+                shape.uvs.push(Vec2::new((u as f32 + 1.0) / 2.0, (v as f32 + 1.0) / 2.0));
+            }
+            shape.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+        }
+    }
+    keep_normal(shape, to_world)
+}
+
+/// The unit disk at z = 0 with normal +z as a fan of `sides` triangles.
+///
+/// The rim is moved out so that the polygon has the area of the circle; uv = (r, phi/2pi).
+pub fn disk(to_world: &DAffine3, sides: u32) -> Triangles {
+    let step = std::f64::consts::TAU / f64::from(sides);
+    let radius = (step / step.sin()).sqrt();
+    let mut shape = Triangles::default();
+    for i in 0..sides {
+        let base = shape.positions.len() as u32;
+        let rim = |k: u32| {
+            let (s, c) = (f64::from(k % sides) * step).sin_cos();
+            to_world.transform_point3(DVec3::new(radius * c, radius * s, 0.0))
+        };
+        let phi = |k: f32| k / sides as f32;
+        shape.positions.extend([to_world.transform_point3(DVec3::ZERO), rim(i), rim(i + 1)]);
+        shape.uvs.extend([
+            Vec2::new(0.0, phi(i as f32 + 0.5)),
+            Vec2::new(1.0, phi(i as f32)),
+            Vec2::new(1.0, phi(i as f32 + 1.0)),
+        ]);
+        shape.triangles.push([base, base + 1, base + 2]);
+    }
+    keep_normal(shape, to_world)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area_vectors(t: &Triangles) -> Vec<DVec3> {
+        let area = |[a, b, c]: &[u32; 3]| {
+            let p = |i: &u32| t.positions[*i as usize];
+            0.5 * (p(b) - p(a)).cross(p(c) - p(a))
+        };
+        t.triangles.iter().map(area).collect()
+    }
+
+    #[test]
+    fn shapes_have_their_areas_and_normals_also_when_mirrored() {
+        for mirror in [1.0, -1.0] {
+            let m = DAffine3::from_scale(DVec3::new(mirror, 1.0, 1.0));
+            let up: DVec3 = area_vectors(&rectangle(&m)).into_iter().sum();
+            assert!((up - DVec3::Z * 4.0).length() < 1e-12, "rectangle {up}");
+            let up: DVec3 = area_vectors(&disk(&m, 64)).into_iter().sum();
+            assert!((up - DVec3::Z * std::f64::consts::PI).length() < 1e-12, "disk {up}");
+            let c = cube(&m);
+            let outward = c.triangles.iter().zip(area_vectors(&c)).all(|(t, a)| c.positions[t[0] as usize].dot(a) > 0.0);
+            assert!(outward, "a cube face points inward (mirror {mirror})");
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Triangles: area, normal, and the watertight ray test that every acceleration structure shares.
+
+use super::Ray;
+use crate::math::{DVec3, Vec3};
+
+/// Area of a triangle in f64, and twice the area vector it comes from.
+#[inline]
+pub fn area_vector(a: Vec3, b: Vec3, c: Vec3) -> DVec3 {
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    0.5 * (b - a).cross(c - a)
+}
+
+/// Unit geometric normal, by the order of the vertices; zero for a degenerate triangle.
+#[inline]
+pub fn normal(a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
+    area_vector(a, b, c).normalize_or_zero().as_vec3()
+}
+
+/// A ray made ready for the watertight triangle test: its largest direction axis and the shear that turns it to +z.
+///
+/// [Woop13, section 3]. The same vertex is always sheared to the same rounded point, whatever the triangle, so no ray slips
+/// between triangles that share it. For that reason the products below must not be contracted into fused multiply-adds.
+#[derive(Debug, Clone, Copy)]
+pub struct ShearedRay {
+    /// Start point.
+    pub origin: Vec3,
+    /// Axis of the largest direction component, and the two others in right-handed order.
+    pub axes: [usize; 3],
+    /// Shear along x and y, and scale along z.
+    pub shear: [f32; 3],
+}
+
+impl ShearedRay {
+    /// Prepares `ray`, whose direction must not be zero.
+    #[inline]
+    pub fn new(ray: &Ray) -> Self {
+        let d = ray.direction;
+        let abs = d.abs();
+        let z = if abs.x > abs.y && abs.x > abs.z {
+            0
+        } else if abs.y > abs.z {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        // Keep the winding when the main axis is negative.
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        let inverse = 1.0 / d[z];
+        Self { origin: ray.origin, axes: [x, y, z], shear: [d[x] * inverse, d[y] * inverse, inverse] }
+    }
+
+    #[inline]
+    fn project(&self, vertex: Vec3) -> [f32; 3] {
+        let v = vertex - self.origin;
+        let [x, y, z] = self.axes;
+        [v[x] - self.shear[0] * v[z], v[y] - self.shear[1] * v[z], self.shear[2] * v[z]]
+    }
+
+    /// Ray parameter at which the ray meets the triangle, in (`t_min`, `t_max`). Both sides count; edges and vertices count.
+    #[inline]
+    pub fn intersect(&self, a: Vec3, b: Vec3, c: Vec3, t_min: f32, t_max: f32) -> Option<f32> {
+        let [ax, ay, az] = self.project(a);
+        let [bx, by, bz] = self.project(b);
+        let [cx, cy, cz] = self.project(c);
+        let u = cx * by - cy * bx;
+        let v = ax * cy - ay * cx;
+        let w = bx * ay - by * ax;
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let det = u + v + w;
+        // Zero determinant: the triangle is seen edge-on or is degenerate; its neighbours take the hit.
+        if det == 0.0 {
+            return None;
+        }
+        let t = (u * az + v * bz + w * cz) / det;
+        (t > t_min && t < t_max).then_some(t)
+    }
+}
+
+/// Barycentric weights of the second and third vertex at the point where a ray meets a triangle's plane, in f64.
+///
+/// Clamped into the triangle, so that interpolated values stay inside the values at the vertices.
+#[inline]
+pub fn barycentric(ray: &Ray, a: Vec3, b: Vec3, c: Vec3) -> (f64, f64) {
+    // Moeller-Trumbore in f64; here the triangle is known to be hit, so watertightness plays no part.
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    let (e1, e2) = (b - a, c - a);
+    let (o, d) = (ray.origin.as_dvec3() - a, ray.direction.as_dvec3());
+    let p = d.cross(e2);
+    let det = e1.dot(p);
+    if det == 0.0 {
+        return (1.0 / 3.0, 1.0 / 3.0);
+    }
+    let u = (o.dot(p) / det).clamp(0.0, 1.0);
+    let v = (d.dot(o.cross(e1)) / det).clamp(0.0, 1.0);
+    let excess = u + v;
+    if excess > 1.0 { (u / excess, v / excess) } else { (u, v) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Vec3 = Vec3::new(0.0, 0.0, 0.0);
+    const B: Vec3 = Vec3::new(1.0, 0.0, 0.0);
+    const C: Vec3 = Vec3::new(0.0, 1.0, 0.0);
+
+    fn shoot(origin: Vec3, direction: Vec3) -> Option<f32> {
+        ShearedRay::new(&Ray::new(origin, direction)).intersect(A, B, C, 0.0, f32::INFINITY)
+    }
+
+    #[test]
+    fn both_sides_edges_and_vertices_are_hit() {
+        for (x, y) in [(0.25, 0.25), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0)] {
+            assert_eq!(shoot(Vec3::new(x, y, 2.0), -Vec3::Z), Some(2.0), "from above at {x}, {y}");
+            assert_eq!(shoot(Vec3::new(x, y, -2.0), Vec3::Z), Some(2.0), "from below at {x}, {y}");
+        }
+    }
+
+    #[test]
+    fn misses_and_edge_on_rays_return_nothing() {
+        assert_eq!(shoot(Vec3::new(0.6, 0.6, 1.0), -Vec3::Z), None);
+        assert_eq!(shoot(Vec3::new(0.25, 0.25, 1.0), Vec3::Z), None);
+        assert_eq!(shoot(Vec3::new(-1.0, 0.25, 0.0), Vec3::X), None);
+    }
+
+    #[test]
+    fn barycentric_weights_place_the_hit() {
+        let ray = Ray::new(Vec3::new(0.2, 0.3, 1.0), -Vec3::Z);
+        let (u, v) = barycentric(&ray, A, B, C);
+        assert!((u - 0.2).abs() < 1e-7 && (v - 0.3).abs() < 1e-7, "{u}, {v}");
+    }
+}

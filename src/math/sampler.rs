@@ -1,0 +1,133 @@
+//! Random numbers as a pure function of seed, pixel (or patch), sample index and dimension.
+//!
+//! Owen-scrambled Sobol points ([Burley20], crate `sobol_burley`). The crate has 2^16 samples and 256 dimensions; beyond either
+//! border the scrambling seed is hashed anew, so that an independent scrambling of the same sequence goes on.
+
+use super::Vec2;
+
+const SAMPLES: u32 = 1 << 16;
+const SETS: u32 = sobol_burley::NUM_DIMENSION_SETS_4D;
+
+/// A stream of sample values; two streams made from the same arguments give the same values on any machine and thread.
+#[derive(Debug, Clone)]
+pub struct Sampler {
+    seed: u32,
+    index: u32,
+    block: u32,
+    set: u32,
+    ready: [f32; 4],
+    used: usize,
+}
+
+impl Sampler {
+    /// Stream of sample `index` of item `key` (a pixel, a patch) under `seed`.
+    ///
+    /// Samples of one key are stratified among each other; different keys and seeds are independent.
+    pub fn new(seed: u64, key: u64, index: u64) -> Self {
+        let mixed = mix(seed ^ mix(key.wrapping_add(0x9e37_79b9_7f4a_7c15)));
+        Self {
+            seed: (mixed ^ (mixed >> 32)) as u32,
+            index: (index % u64::from(SAMPLES)) as u32,
+            block: (index / u64::from(SAMPLES)) as u32,
+            set: 0,
+            ready: [0.0; 4],
+            used: 4,
+        }
+    }
+
+    /// Next value in [0, 1).
+    #[inline]
+    pub fn next_1d(&mut self) -> f32 {
+        if self.used == 4 {
+            self.refill();
+        }
+        self.used += 1;
+        self.ready[self.used - 1]
+    }
+
+    /// Next point of the unit square; its two coordinates are always stratified together.
+    #[inline]
+    pub fn next_2d(&mut self) -> Vec2 {
+        if self.used & 1 == 1 {
+            self.used += 1;
+        }
+        if self.used == 4 {
+            self.refill();
+        }
+        self.used += 2;
+        Vec2::new(self.ready[self.used - 2], self.ready[self.used - 1])
+    }
+
+    fn refill(&mut self) {
+        let round = self.set / SETS;
+        let mut seed = self.seed;
+        // Both borders: a new block of 2^16 samples or a new round of 256 dimensions is scrambled anew.
+        if self.block != 0 || round != 0 {
+            seed = mix(u64::from(seed) | (u64::from(self.block) << 32) ^ (u64::from(round) << 52)) as u32;
+        }
+        self.ready = sobol_burley::sample_4d(self.index, self.set % SETS, seed);
+        self.set += 1;
+        self.used = 0;
+    }
+}
+
+/// A bijective mix of 64 bits (finaliser of SplitMix64, Steele et al. 2014).
+#[inline]
+pub fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn first_2d(key: u64, index: u64) -> Vec2 {
+        Sampler::new(7, key, index).next_2d()
+    }
+
+    #[test]
+    fn samples_of_one_key_are_stratified() {
+        // A (0,2) sequence: every 256 consecutive samples put one point in each of the 16 x 16 cells.
+        let mut cells = [0; 256];
+        for index in 0..256 {
+            let p = first_2d(3, index);
+            cells[(p.x * 16.0) as usize + 16 * (p.y * 16.0) as usize] += 1;
+        }
+        assert_eq!(cells, [1; 256]);
+    }
+
+    #[test]
+    fn the_sample_border_is_crossed_without_repeating() {
+        let border = u64::from(SAMPLES);
+        let before: Vec<Vec2> = (0..256).map(|i| first_2d(3, i)).collect();
+        let after: Vec<Vec2> = (0..256).map(|i| first_2d(3, border + i)).collect();
+        assert!(before.iter().zip(&after).all(|(a, b)| a != b), "the second block repeats the first");
+        let mean = after.iter().fold(Vec2::ZERO, |sum, p| sum + *p) / 256.0;
+        assert!((mean - Vec2::splat(0.5)).length() < 0.01, "mean past the border: {mean}");
+    }
+
+    #[test]
+    fn the_dimension_border_is_crossed_without_repeating() {
+        let mut correlation = 0.0;
+        for index in 0..1024 {
+            let mut sampler = Sampler::new(7, 3, index);
+            let first = sampler.next_1d();
+            (1..256).for_each(|_| {
+                sampler.next_1d();
+            });
+            let past = sampler.next_1d();
+            assert!((0.0..1.0).contains(&past), "{past}");
+            correlation += (first - 0.5) * (past - 0.5);
+        }
+        assert!((correlation / 1024.0 / (1.0 / 12.0)).abs() < 0.1, "dimension 256 follows dimension 0: {correlation}");
+    }
+
+    #[test]
+    fn keys_and_seeds_give_other_points() {
+        assert_ne!(first_2d(1, 0), first_2d(2, 0));
+        assert_ne!(Sampler::new(1, 1, 0).next_1d(), Sampler::new(2, 1, 0).next_1d());
+        assert_eq!(first_2d(9, 5), first_2d(9, 5));
+    }
+}

@@ -1,0 +1,119 @@
+//! Maps from the unit square to the domains that are sampled, each beside its density.
+
+use super::{Vec2, Vec3};
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+/// Uniform point of the unit disk: concentric map, which keeps strata connected (Shirley and Chiu 1997).
+#[inline]
+pub fn disk(u: Vec2) -> Vec2 {
+    let p = 2.0 * u - Vec2::ONE;
+    if p == Vec2::ZERO {
+        return Vec2::ZERO;
+    }
+    let (radius, angle) =
+        if p.x.abs() > p.y.abs() { (p.x, FRAC_PI_4 * (p.y / p.x)) } else { (p.y, FRAC_PI_2 - FRAC_PI_4 * (p.x / p.y)) };
+    let (sin, cos) = angle.sin_cos();
+    Vec2::new(radius * cos, radius * sin)
+}
+
+/// Direction of the upper hemisphere with density cos(theta)/pi per steradian (Malley's method).
+#[inline]
+pub fn cosine_hemisphere(u: Vec2) -> Vec3 {
+    let p = disk(u);
+    // A direction exactly in the surface would have density zero; the floor keeps it just above.
+    let z = (1.0 - p.length_squared()).max(1e-12).sqrt();
+    Vec3::new(p.x, p.y, z)
+}
+
+/// Density of [`cosine_hemisphere`] per steradian.
+#[inline]
+pub fn cosine_hemisphere_pdf(cos_theta: f32) -> f32 {
+    cos_theta.max(0.0) / PI
+}
+
+/// Uniform barycentric coordinates (of the second and third vertex) of a triangle.
+///
+/// The square is folded, not bent by a square root, so that strata stay compact (Heitz 2019, "A Low-Distortion Map Between
+/// Triangle and Square").
+#[inline]
+pub fn triangle(u: Vec2) -> Vec2 {
+    if u.y > u.x {
+        let x = u.x * 0.5;
+        Vec2::new(x, u.y - x)
+    } else {
+        let y = u.y * 0.5;
+        Vec2::new(u.x - y, y)
+    }
+}
+
+/// Uniform direction of the cone around +z whose half-angle has the given cosine.
+///
+/// `one_minus_cos_max` is `1 - cos(theta_max)`, passed as such because it cancels for small cones. Density per steradian:
+/// `1 / (2 pi one_minus_cos_max)`.
+#[inline]
+pub fn cone(u: Vec2, one_minus_cos_max: f32) -> Vec3 {
+    let one_minus_cos = u.x * one_minus_cos_max;
+    let cos = 1.0 - one_minus_cos;
+    let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
+    let (s, c) = (2.0 * PI * u.y).sin_cos();
+    Vec3::new(sin * c, sin * s, cos)
+}
+
+/// Uniform direction of the whole sphere; density `1 / (4 pi)` per steradian.
+#[inline]
+pub fn sphere(u: Vec2) -> Vec3 {
+    cone(u, 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Midpoints of a regular n x n grid.
+    fn grid(n: usize) -> impl Iterator<Item = Vec2> {
+        let at = move |i: usize| (i as f32 + 0.5) / n as f32;
+        (0..n * n).map(move |k| Vec2::new(at(k % n), at(k / n)))
+    }
+
+    #[test]
+    fn cosine_hemisphere_has_the_moments_of_its_density() {
+        // E[z] = 2/3 and E[z^2] = 1/2 under cos(theta)/pi.
+        let n = 256;
+        let (mut z1, mut z2) = (0.0_f64, 0.0_f64);
+        for u in grid(n) {
+            let d = cosine_hemisphere(u);
+            assert!((d.length() - 1.0).abs() < 1e-5, "|{d}| is not 1");
+            z1 += f64::from(d.z);
+            z2 += f64::from(d.z * d.z);
+        }
+        // The cosine drops to the rim like a square root, so the midpoint rule errs by order n^-1.5 = 2.4e-4.
+        let count = (n * n) as f64;
+        assert!((z1 / count - 2.0 / 3.0).abs() < 2.5e-4, "mean cosine {}", z1 / count);
+        assert!((z2 / count - 0.5).abs() < 2.5e-4, "mean squared cosine {}", z2 / count);
+    }
+
+    #[test]
+    fn triangle_warp_is_uniform() {
+        // Centroid and second moment of the unit right triangle: 1/3 and 1/6.
+        let n = 256;
+        let (mut m1, mut m2) = (0.0_f64, 0.0_f64);
+        for u in grid(n) {
+            let b = triangle(u);
+            assert!(b.x >= 0.0 && b.y >= 0.0 && b.x + b.y <= 1.0 + 1e-6, "{b} lies outside");
+            m1 += f64::from(b.x);
+            m2 += f64::from(b.x * b.x);
+        }
+        let count = (n * n) as f64;
+        assert!((m1 / count - 1.0 / 3.0).abs() < 1e-3, "first moment {}", m1 / count);
+        assert!((m2 / count - 1.0 / 6.0).abs() < 1e-3, "second moment {}", m2 / count);
+    }
+
+    #[test]
+    fn cone_stays_inside_and_fills_uniformly() {
+        let k = 0.2;
+        let n = 64;
+        let mean: f64 = grid(n).map(|u| f64::from(cone(u, k).z)).sum::<f64>() / (n * n) as f64;
+        assert!((mean - (1.0 - 0.5 * f64::from(k))).abs() < 1e-5, "mean cosine {mean}");
+        assert!(grid(n).all(|u| cone(u, k).z >= 1.0 - k - 1e-6));
+    }
+}

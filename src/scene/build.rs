@@ -1,0 +1,197 @@
+//! From what a reader found (f64, file coordinates) to a valid [`Scene`] (f32, recentred).
+
+use super::{Camera, FilmSettings, Scene, Shape, ShapeSurface};
+use crate::geometry::tessellate::Triangles;
+use crate::geometry::{Mesh, Sphere, triangle};
+use crate::light::{AreaLight, Emitter, Light, PointLight};
+use crate::material::{MaterialId, Surface};
+use crate::math::{DVec3, Rgb, Vec3};
+
+/// A scene as read, before checking and recentring.
+#[derive(Debug, Clone)]
+pub struct SceneSource {
+    /// Name for reports.
+    pub name: String,
+    /// Camera in file coordinates.
+    pub camera: Camera,
+    /// Size and wishes.
+    pub film: FilmSettings,
+    /// Shapes in file coordinates.
+    pub shapes: Vec<ShapeSource>,
+    /// Materials.
+    pub materials: Vec<Surface>,
+    /// Position in file coordinates and intensity [W/sr] of each point light.
+    pub point_lights: Vec<(DVec3, Rgb)>,
+    /// Radiance of a uniform surrounding.
+    pub environment: Rgb,
+    /// What the reader wants the user to know.
+    pub warnings: Vec<String>,
+}
+
+/// A shape as read.
+#[derive(Debug, Clone)]
+pub struct ShapeSource {
+    /// Id.
+    pub id: String,
+    /// Geometry.
+    pub surface: SurfaceSource,
+    /// Material.
+    pub material: MaterialId,
+    /// Emitted radiance; black: none.
+    pub emission: Rgb,
+}
+
+/// Geometry as read, in file coordinates.
+#[derive(Debug, Clone)]
+pub enum SurfaceSource {
+    /// Triangles.
+    Triangles(Triangles),
+    /// A sphere.
+    Sphere {
+        /// Centre.
+        center: DVec3,
+        /// Radius.
+        radius: f64,
+    },
+}
+
+/// Why a scene cannot be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    /// A coordinate is NaN or infinite.
+    #[error("shape \"{shape}\": vertex {vertex} is not finite")]
+    NotFinite {
+        /// Shape's id.
+        shape: String,
+        /// Index of the vertex.
+        vertex: usize,
+    },
+    /// A sphere without a positive finite radius.
+    #[error("shape \"{shape}\": a sphere needs a finite radius above 0, found {radius}")]
+    Radius {
+        /// Shape's id.
+        shape: String,
+        /// What was given.
+        radius: f64,
+    },
+    /// A vertex index beyond the vertices.
+    #[error("shape \"{shape}\": triangle {triangle} refers to vertex {vertex} of {count}")]
+    Index {
+        /// Shape's id.
+        shape: String,
+        /// Index of the triangle.
+        triangle: usize,
+        /// The index found.
+        vertex: u32,
+        /// Number of vertices.
+        count: usize,
+    },
+}
+
+impl SurfaceSource {
+    fn corners(&self) -> (DVec3, DVec3) {
+        match self {
+            SurfaceSource::Triangles(t) => {
+                t.positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+            }
+            SurfaceSource::Sphere { center, radius } => (*center - *radius, *center + *radius),
+        }
+    }
+}
+
+impl Scene {
+    /// Checks, drops what has no area (with a warning that counts it), and recentres in f64.
+    ///
+    /// # Errors
+    /// [`SceneError`] for numbers that are not finite, indices out of range and spheres without a radius.
+    pub fn new(source: SceneSource) -> Result<Scene, SceneError> {
+        source.shapes.iter().try_for_each(check)?;
+        let corners = source.shapes.iter().map(|s| s.surface.corners());
+        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (low, high)| (a.min(low), b.max(high)));
+        let origin = if low.cmple(high).all() { 0.5 * (low + high) } else { source.camera.to_scene.translation };
+
+        let mut warnings = source.warnings;
+        let mut camera = source.camera;
+        camera.to_scene.translation -= origin;
+        let shapes: Vec<Shape> = source.shapes.into_iter().map(|s| place(s, origin, &mut warnings)).collect();
+
+        let area_lights = shapes.iter().enumerate().filter(|(_, s)| !s.emission.is_black()).filter_map(|(i, s)| {
+            let emitter = match &s.surface {
+                ShapeSurface::Mesh(mesh) => Emitter::of_mesh(mesh),
+                ShapeSurface::Sphere(sphere) => Emitter::Sphere(*sphere),
+            };
+            (emitter.area() > 0.0).then(|| Light::Area(AreaLight { shape: i as u32, radiance: s.emission, emitter }))
+        });
+        let points = source
+            .point_lights
+            .iter()
+            .map(|(p, intensity)| Light::Point(PointLight { position: (*p - origin).as_vec3(), intensity: *intensity }));
+        let lights: Vec<Light> = area_lights.chain(points).collect();
+        if lights.iter().all(|l| l.power().is_black()) && source.environment.is_black() {
+            warnings.push("the scene has no light: the picture will be black".to_owned());
+        }
+        Ok(Scene {
+            name: source.name,
+            origin,
+            camera,
+            film: source.film,
+            shapes,
+            materials: source.materials,
+            lights,
+            environment: source.environment,
+            warnings,
+        })
+    }
+}
+
+fn check(shape: &ShapeSource) -> Result<(), SceneError> {
+    let id = || shape.id.clone();
+    match &shape.surface {
+        SurfaceSource::Triangles(t) => {
+            if let Some(vertex) = t.positions.iter().position(|p| !p.is_finite()) {
+                return Err(SceneError::NotFinite { shape: id(), vertex });
+            }
+            let count = t.positions.len();
+            for (triangle, indices) in t.triangles.iter().enumerate() {
+                if let Some(&vertex) = indices.iter().find(|i| **i as usize >= count) {
+                    return Err(SceneError::Index { shape: id(), triangle, vertex, count });
+                }
+            }
+        }
+        SurfaceSource::Sphere { center, radius } => {
+            if !center.is_finite() {
+                return Err(SceneError::NotFinite { shape: id(), vertex: 0 });
+            }
+            if !(radius.is_finite() && *radius > 0.0) {
+                return Err(SceneError::Radius { shape: id(), radius: *radius });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn place(shape: ShapeSource, origin: DVec3, warnings: &mut Vec<String>) -> Shape {
+    let surface = match shape.surface {
+        SurfaceSource::Sphere { center, radius } => {
+            ShapeSurface::Sphere(Sphere { center: (center - origin).as_vec3(), radius: radius as f32 })
+        }
+        SurfaceSource::Triangles(t) => {
+            let positions: Vec<Vec3> = t.positions.iter().map(|p| (*p - origin).as_vec3()).collect();
+            let mut triangles = t.triangles;
+            let before = triangles.len();
+            triangles.retain(|t| {
+                let [a, b, c] = t.map(|i| positions[i as usize]);
+                triangle::area_vector(a, b, c) != DVec3::ZERO
+            });
+            if triangles.len() < before {
+                let dropped = before - triangles.len();
+                warnings.push(format!("shape \"{}\": {dropped} of {before} triangles have no area and were dropped", shape.id));
+            }
+            let mut normals = t.normals;
+            // A normal that cannot be normalised is replaced by the face's, by giving it zero length.
+            normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
+            ShapeSurface::Mesh(Mesh { positions, normals, uvs: t.uvs, triangles })
+        }
+    };
+    Shape { id: shape.id, surface, material: shape.material, emission: shape.emission }
+}

@@ -1,0 +1,109 @@
+//! A scene: pure data, no files. Valid once it exists.
+
+pub mod build;
+pub mod camera;
+
+pub use build::{SceneError, SceneSource, ShapeSource, SurfaceSource};
+pub use camera::Camera;
+
+use crate::geometry::{Mesh, Sphere};
+use crate::light::Light;
+use crate::material::{MaterialId, Surface};
+use crate::math::{DVec3, Rgb};
+
+/// Everything that a picture depends on, in coordinates relative to [`Scene::origin`].
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Name for reports and default file names.
+    pub name: String,
+    /// Where the scene's own origin lies in the file's coordinates; subtracted in f64 before anything became f32.
+    pub origin: DVec3,
+    /// The viewer.
+    pub camera: Camera,
+    /// Size of the picture and how the file asks for it to be made.
+    pub film: FilmSettings,
+    /// Shapes, in file order.
+    pub shapes: Vec<Shape>,
+    /// Materials; shapes refer to them.
+    pub materials: Vec<Surface>,
+    /// Lights that can be sampled from a point: emitting shapes in shape order, then point lights.
+    pub lights: Vec<Light>,
+    /// Radiance of a uniform surrounding [W/(m² sr)]; black if there is none.
+    pub environment: Rgb,
+    /// What the reader had to replace, drop or guess.
+    pub warnings: Vec<String>,
+}
+
+/// What the scene file says about the picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilmSettings {
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// Samples per pixel that the file asks for.
+    pub sample_count: u32,
+    /// Longest light path in edges, as Mitsuba counts: 1 sees emitters, 2 direct light. `None`: unlimited.
+    pub max_depth: Option<u32>,
+}
+
+/// A surface with one material.
+#[derive(Debug, Clone)]
+pub struct Shape {
+    /// Id in the scene file, or a made-up one.
+    pub id: String,
+    /// Its geometry.
+    pub surface: ShapeSurface,
+    /// Its material.
+    pub material: MaterialId,
+    /// Radiance emitted from the normal side [W/(m² sr)]; black if it does not emit.
+    pub emission: Rgb,
+}
+
+/// Geometry of a [`Shape`].
+#[derive(Debug, Clone)]
+pub enum ShapeSurface {
+    /// Triangles.
+    Mesh(Mesh),
+    /// An exact sphere.
+    Sphere(Sphere),
+}
+
+impl Shape {
+    /// Area [m²].
+    pub fn area(&self) -> f64 {
+        match &self.surface {
+            ShapeSurface::Mesh(mesh) => mesh.area(),
+            ShapeSurface::Sphere(sphere) => sphere.area(),
+        }
+    }
+}
+
+impl Scene {
+    /// Material of a shape.
+    #[inline]
+    pub fn material_of(&self, shape: &Shape) -> &Surface {
+        &self.materials[shape.material.0 as usize]
+    }
+
+    /// Number of triangles.
+    pub fn n_triangles(&self) -> usize {
+        self.shapes
+            .iter()
+            .map(|s| match &s.surface {
+                ShapeSurface::Mesh(mesh) => mesh.triangles.len(),
+                ShapeSurface::Sphere(_) => 0,
+            })
+            .sum()
+    }
+
+    /// Number of exact spheres.
+    pub fn n_spheres(&self) -> usize {
+        self.shapes.iter().filter(|s| matches!(s.surface, ShapeSurface::Sphere(_))).count()
+    }
+
+    /// Total power of all lights [W]; a uniform surrounding has none of its own.
+    pub fn power(&self) -> Rgb {
+        self.lights.iter().map(Light::power).sum()
+    }
+}
