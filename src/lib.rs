@@ -19,9 +19,15 @@
 
 pub mod accel;
 pub mod film;
+pub mod form_factor;
 pub mod geometry;
+pub mod integrator;
 pub mod light;
 pub mod material;
 pub mod math;
+pub mod patch;
+pub mod pipeline;
 pub mod progress;
+pub mod radiosity;
 pub mod scene;
+pub mod world;

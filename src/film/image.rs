@@ -48,3 +48,23 @@ impl Image {
         self.pixels[y * self.width + x]
     }
 }
+
+impl Image {
+    /// Mean over the square of side `2 radius + 1` around each pixel, cut off at the border.
+    pub fn box_filtered(&self, radius: usize) -> Image {
+        let rows = |get: &dyn Fn(usize, usize) -> [f64; 3], n: usize, i: usize, k: usize| {
+            let range = i.saturating_sub(radius)..(i + radius + 1).min(n);
+            let count = range.len() as f64;
+            let sum = range.fold([0.0; 3], |sum, j| {
+                let v = get(j, k);
+                [sum[0] + v[0], sum[1] + v[1], sum[2] + v[2]]
+            });
+            sum.map(|s| s / count)
+        };
+        let (w, h) = (self.width, self.height);
+        let across: Vec<[f64; 3]> =
+            (0..w * h).map(|i| rows(&|x, y| self.at(x, y).map(f64::from), w, i % w, i / w)).collect();
+        let pixels = (0..w * h).map(|i| rows(&|y, x| across[y * w + x], h, i / w, i % w).map(|v| v as f32)).collect();
+        Image::from_pixels(w, h, pixels)
+    }
+}

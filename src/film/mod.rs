@@ -7,19 +7,102 @@ pub use image::Image;
 
 use crate::math::Rgb;
 
-/// Sums of samples per pixel, in f64.
+/// What a picture is recorded in, besides the radiance itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layer {
+    /// Light that has met no diffuse surface but the one seen, found by shadow rays, and light seen at once.
+    Direct,
+    /// Light reflected by another diffuse surface before.
+    Indirect,
+    /// Light that came to the diffuse surface seen through specular ones or from emitters left to gather rays.
+    Caustic,
+    /// Diffuse reflectance seen.
+    Albedo,
+    /// Shading normal seen, in scene axes.
+    Normal,
+    /// Distance to the first surface, in all three channels.
+    Depth,
+    /// Radiosity of pass one over pi, as seen: the stored picture.
+    Radiosity,
+    /// Irradiance of pass one at what is seen [W/m²].
+    Irradiance,
+}
+
+impl Layer {
+    /// All layers in the order of [`PixelSample::layers`].
+    pub const ALL: [Layer; 8] = [
+        Layer::Direct,
+        Layer::Indirect,
+        Layer::Caustic,
+        Layer::Albedo,
+        Layer::Normal,
+        Layer::Depth,
+        Layer::Radiosity,
+        Layer::Irradiance,
+    ];
+
+    /// Name in the EXR file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Layer::Direct => "direct",
+            Layer::Indirect => "indirect",
+            Layer::Caustic => "caustic",
+            Layer::Albedo => "albedo",
+            Layer::Normal => "normal",
+            Layer::Depth => "depth",
+            Layer::Radiosity => "radiosity",
+            Layer::Irradiance => "irradiance",
+        }
+    }
+}
+
+/// What one camera sample found. Layers are weighted sums over the branches of the recursion; the radiance is the sum of direct,
+/// indirect and caustic.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PixelSample {
+    /// One value per layer, in the order of [`Layer::ALL`].
+    pub layers: [Rgb; Layer::ALL.len()],
+}
+
+impl PixelSample {
+    /// The value of one layer, to be changed.
+    #[inline]
+    pub fn layer(&mut self, layer: Layer) -> &mut Rgb {
+        &mut self.layers[layer as usize]
+    }
+
+    /// Radiance [W/(m² sr)].
+    #[inline]
+    pub fn radiance(&self) -> Rgb {
+        self.layers[Layer::Direct as usize] + self.layers[Layer::Indirect as usize] + self.layers[Layer::Caustic as usize]
+    }
+}
+
+/// Sums of samples per pixel, in f64: the radiance in two independent halves, and the layers.
 #[derive(Debug, Clone)]
 pub struct Film {
     width: usize,
     height: usize,
-    sums: Vec<Rgb>,
-    counts: Vec<f64>,
+    halves: [Vec<Rgb>; 2],
+    layers: Vec<[Rgb; Layer::ALL.len()]>,
+    passes: [u32; 2],
+    non_finite: u64,
+    first_non_finite: Option<usize>,
 }
 
 impl Film {
     /// An empty film.
     pub fn new(width: usize, height: usize) -> Self {
-        Self { width, height, sums: vec![Rgb::BLACK; width * height], counts: vec![0.0; width * height] }
+        let n = width * height;
+        Self {
+            width,
+            height,
+            halves: [vec![Rgb::BLACK; n], vec![Rgb::BLACK; n]],
+            layers: vec![[Rgb::BLACK; Layer::ALL.len()]; n],
+            passes: [0; 2],
+            non_finite: 0,
+            first_non_finite: None,
+        }
     }
 
     /// Width in pixels.
@@ -32,17 +115,108 @@ impl Film {
         self.height
     }
 
-    /// Adds one sample of radiance [W/(m² sr)] to pixel `index` (row by row from the top left).
-    #[inline]
-    pub fn add_sample(&mut self, index: usize, radiance: Rgb) {
-        self.sums[index] += radiance;
-        self.counts[index] += 1.0;
+    /// Passes added so far: samples per pixel.
+    pub fn n_passes(&self) -> u32 {
+        self.passes[0] + self.passes[1]
     }
 
-    /// Mean of what was added to each pixel; black where nothing was.
+    /// Samples that were not finite or negative, and the first pixel that had one. They are left out of the sums and never hidden.
+    pub fn bad_samples(&self) -> (u64, Option<usize>) {
+        (self.non_finite, self.first_non_finite)
+    }
+
+    /// Adds one sample for every pixel; passes of even index go to one half, odd ones to the other.
+    ///
+    /// # Panics
+    /// If there is not one sample per pixel.
+    pub fn add_pass(&mut self, index: u32, samples: &[PixelSample]) {
+        assert_eq!(samples.len(), self.width * self.height, "one sample per pixel");
+        let half = (index % 2) as usize;
+        for (pixel, sample) in samples.iter().enumerate() {
+            let radiance = sample.radiance();
+            if !radiance.is_finite() || radiance.min() < 0.0 {
+                self.non_finite += 1;
+                self.first_non_finite.get_or_insert(pixel);
+                continue;
+            }
+            self.halves[half][pixel] += radiance;
+            self.layers[pixel].iter_mut().zip(&sample.layers).for_each(|(sum, value)| *sum += *value);
+        }
+        self.passes[half] += 1;
+    }
+
+    /// Mean radiance of all passes.
     pub fn image(&self) -> Image {
-        let mean = |(sum, &count): (&Rgb, &f64)| if count > 0.0 { *sum / count } else { Rgb::BLACK };
-        let pixels = self.sums.iter().zip(&self.counts).map(mean).map(|c| c.to_array().map(|v| v as f32)).collect();
+        let n = f64::from(self.n_passes().max(1));
+        self.from_pixels(|i| (self.halves[0][i] + self.halves[1][i]) / n)
+    }
+
+    /// Mean of one layer.
+    pub fn layer_image(&self, layer: Layer) -> Image {
+        let n = f64::from(self.n_passes().max(1));
+        self.from_pixels(|i| self.layers[i][layer as usize] / n)
+    }
+
+    /// Variance of the pixel's mean, from the two halves: unbiased, one degree of freedom a pixel. Black before the second pass.
+    pub fn variance_image(&self) -> Image {
+        self.from_pixels(|i| self.half_difference(i).map(|d| 0.25 * d * d))
+    }
+
+    /// Predicted relmse of the picture by its own two halves: mean of ((A-B)/2)²/(S²+0.01), S the mean over 5x5 pixels. Noise only;
+    /// what both halves have in common (mesh, gathering) does not show. `None` before the second pass.
+    pub fn estimated_relmse(&self) -> Option<f64> {
+        if self.passes.contains(&0) {
+            return None;
+        }
+        let smooth = self.image().box_filtered(2);
+        let pixel = |i: usize| {
+            let (d, s) = (self.half_difference(i), smooth.pixels()[i]);
+            (0..3).map(|c| 0.25 * d[c] * d[c] / (f64::from(s[c]) * f64::from(s[c]) + 0.01)).sum::<f64>()
+        };
+        let n = self.width * self.height;
+        Some((0..n).map(pixel).sum::<f64>() / (3 * n) as f64)
+    }
+
+    fn half_difference(&self, i: usize) -> Rgb {
+        if self.passes.contains(&0) {
+            return Rgb::BLACK;
+        }
+        self.halves[0][i] / f64::from(self.passes[0]) - self.halves[1][i] / f64::from(self.passes[1])
+    }
+
+    fn from_pixels(&self, value: impl Fn(usize) -> Rgb) -> Image {
+        let pixels = (0..self.width * self.height).map(|i| value(i).to_array().map(|v| v as f32)).collect();
         Image::from_pixels(self.width, self.height, pixels)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(value: f64) -> PixelSample {
+        let mut sample = PixelSample::default();
+        *sample.layer(Layer::Indirect) = Rgb::grey(value);
+        sample
+    }
+
+    #[test]
+    fn the_film_holds_means_and_the_variance_of_its_halves() {
+        let mut film = Film::new(1, 1);
+        for (index, value) in [1.0, 3.0, 2.0, 4.0].into_iter().enumerate() {
+            film.add_pass(index as u32, &[sample(value)]);
+        }
+        assert_eq!(film.image().at(0, 0), [2.5; 3]);
+        // Halves (1+2)/2 and (3+4)/2: a quarter of the squared difference 2.
+        assert_eq!(film.variance_image().at(0, 0), [1.0; 3]);
+        assert_eq!(film.layer_image(Layer::Indirect).at(0, 0), [2.5; 3]);
+    }
+
+    #[test]
+    fn a_sample_that_is_not_a_number_is_counted() {
+        let mut film = Film::new(2, 1);
+        film.add_pass(0, &[sample(1.0), sample(f64::NAN)]);
+        assert_eq!(film.bad_samples(), (1, Some(1)));
+        assert_eq!(film.image().at(1, 0), [0.0; 3]);
     }
 }

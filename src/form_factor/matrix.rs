@@ -1,0 +1,205 @@
+//! Stored rows of form factors: sparse, f32 entries, sums in f64.
+
+use super::Closure;
+use crate::math::Rgb;
+
+/// Sparse rows by patch. Two parts: what is seen directly, and what is seen through mirrors and glass (extended form factors,
+/// [Sillion89]), which is coloured.
+#[derive(Debug, Clone, Default)]
+pub struct FormFactorMatrix {
+    pub(super) start: Vec<usize>,
+    pub(super) column: Vec<u32>,
+    pub(super) factor: Vec<f32>,
+    /// Closes each row exactly in f64 over its rounded entries: a bright room amplifies what is missing by 1/(1 - rho).
+    pub(super) row_scale: Vec<f64>,
+    pub(super) specular_start: Vec<usize>,
+    pub(super) specular_column: Vec<u32>,
+    pub(super) specular_factor: Vec<[f32; 3]>,
+    /// Share of each row that leaves the scene, per channel (coloured by what it passed).
+    pub(super) escaped: Vec<[f32; 3]>,
+    /// Quality before correction.
+    pub closure: Closure,
+}
+
+/// One row as it is measured.
+#[derive(Debug, Clone, Default)]
+pub struct Row {
+    /// Patches seen directly, with their form factor, by rising patch.
+    pub direct: Vec<(u32, f32)>,
+    /// Patches seen through specular surfaces, by rising patch.
+    pub specular: Vec<(u32, [f32; 3])>,
+    /// Share that escapes.
+    pub escaped: [f32; 3],
+}
+
+impl FormFactorMatrix {
+    /// Puts rows together.
+    pub fn from_rows(rows: Vec<Row>) -> Self {
+        let mut matrix = Self { start: vec![0], specular_start: vec![0], ..Self::default() };
+        matrix.column.reserve(rows.iter().map(|r| r.direct.len()).sum());
+        matrix.factor.reserve(matrix.column.capacity());
+        for row in rows {
+            matrix.column.extend(row.direct.iter().map(|e| e.0));
+            matrix.factor.extend(row.direct.iter().map(|e| e.1));
+            matrix.specular_column.extend(row.specular.iter().map(|e| e.0));
+            matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
+            matrix.escaped.push(row.escaped);
+            matrix.row_scale.push(1.0);
+            matrix.start.push(matrix.column.len());
+            matrix.specular_start.push(matrix.specular_column.len());
+        }
+        matrix
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.escaped.len()
+    }
+
+    /// True if there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.escaped.is_empty()
+    }
+
+    /// Number of entries above zero, those through specular surfaces included.
+    pub fn n_nonzero(&self) -> usize {
+        self.column.len() + self.specular_column.len()
+    }
+
+    /// Bytes held.
+    pub fn memory_bytes(&self) -> usize {
+        8 * self.column.len() + 16 * self.specular_column.len() + 36 * self.len()
+    }
+
+    /// Entries (j, F_ij) of row i that are seen directly.
+    #[inline]
+    pub fn direct(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
+        let range = self.start[i]..self.start[i + 1];
+        let scale = self.row_scale[i];
+        self.column[range.clone()].iter().zip(&self.factor[range]).map(move |(j, f)| (*j as usize, f64::from(*f) * scale))
+    }
+
+    /// Entries (j, F_ij) of row i that are seen through specular surfaces.
+    #[inline]
+    pub fn specular(&self, i: usize) -> impl Iterator<Item = (usize, Rgb)> {
+        let range = self.specular_start[i]..self.specular_start[i + 1];
+        self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j as usize, Rgb::from(*f)))
+    }
+
+    /// Share of row i that leaves the scene.
+    #[inline]
+    pub fn escaped(&self, i: usize) -> Rgb {
+        self.escaped[i].into()
+    }
+
+    /// Sum of the direct entries of row i.
+    pub fn direct_sum(&self, i: usize) -> f64 {
+        self.direct(i).map(|(_, f)| f).sum()
+    }
+
+    /// Measures reciprocity, then makes the direct part symmetric in A_i F_ij and scales it back to the row sums it had.
+    ///
+    /// Each pair is averaged with weights that are inverse to the variances of its two estimates (for equal numbers of rays
+    /// proportional to area). The scaling is a symmetric Sinkhorn iteration D S D: averaging alone would destroy closure, which
+    /// a bright room amplifies by 1/(1 - rho). A last step brings every row to its sum exactly.
+    pub fn symmetrise(&mut self, area: &[f64]) {
+        let target: Vec<f64> = (0..self.len()).map(|i| self.direct_sum(i)).collect();
+        let transposed = self.transposed();
+        let mut rows = Vec::with_capacity(self.len());
+        let (mut defect, mut weight) = (0.0, 0.0);
+        for i in 0..self.len() {
+            let mut row = Vec::new();
+            let mut own = self.direct(i).peekable();
+            let mut other = transposed[i].iter().peekable();
+            while own.peek().is_some() || other.peek().is_some() {
+                let j = own.peek().map_or(usize::MAX, |e| e.0).min(other.peek().map_or(usize::MAX, |e| e.0 as usize));
+                let f_ij = own.next_if(|e| e.0 == j).map_or(0.0, |e| e.1);
+                let f_ji = other.next_if(|e| e.0 as usize == j).map_or(0.0, |e| f64::from(e.1));
+                let (ours, theirs) = (area[i] * f_ij, area[j] * f_ji);
+                let symmetric = (ours / area[i] + theirs / area[j]) / (1.0 / area[i] + 1.0 / area[j]);
+                defect += (ours - theirs) * (ours - theirs) / symmetric;
+                weight += symmetric;
+                row.push((j as u32, symmetric));
+            }
+            rows.push(row);
+        }
+        self.closure.reciprocity_defect = if weight > 0.0 { (defect / weight).sqrt() } else { 0.0 };
+        let scale = sinkhorn(&rows, &target, area);
+        let (mut start, mut column, mut factor) = (vec![0], Vec::new(), Vec::new());
+        let mut worst: f64 = 0.0;
+        for (i, row) in rows.iter().enumerate() {
+            let scaled = |(j, s): &(u32, f64)| s * scale[i] * scale[*j as usize] / area[i];
+            let sum: f64 = row.iter().map(scaled).sum();
+            worst = worst.max((sum - target[i]).abs());
+            column.extend(row.iter().map(|e| e.0));
+            factor.extend(row.iter().map(|e| scaled(e) as f32));
+            let stored: f64 = factor[start[i]..].iter().map(|f| f64::from(*f)).sum();
+            self.row_scale[i] = if stored > 0.0 { target[i] / stored } else { 1.0 };
+            start.push(column.len());
+        }
+        self.closure.corrected_defect = worst;
+        (self.start, self.column, self.factor) = (start, column, factor);
+    }
+
+    fn transposed(&self) -> Vec<Vec<(u32, f32)>> {
+        let mut rows = vec![Vec::new(); self.len()];
+        for i in 0..self.len() {
+            for k in self.start[i]..self.start[i + 1] {
+                rows[self.column[k] as usize].push((i as u32, self.factor[k]));
+            }
+        }
+        rows
+    }
+}
+
+/// Factors d so that sum_j d_i S_ij d_j = A_i target_i, by a damped fixed point. They stay within [1/2, 2]: an open scene need not
+/// have an exact solution, and a row of few hits must not be blown up.
+fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64]) -> Vec<f64> {
+    const SWEEPS: usize = 60;
+    const CLOSE_ENOUGH: f64 = 1e-7;
+    let mut d = vec![1.0; rows.len()];
+    for _ in 0..SWEEPS {
+        let mut worst: f64 = 0.0;
+        let next: Vec<f64> = rows
+            .iter()
+            .enumerate()
+            .map(|(i, row)| {
+                let sum: f64 = row.iter().map(|(j, s)| s * d[*j as usize]).sum::<f64>() * d[i];
+                if sum <= 0.0 {
+                    return d[i];
+                }
+                let ratio = area[i] * target[i] / sum;
+                worst = worst.max((ratio - 1.0).abs());
+                (d[i] * ratio.sqrt()).clamp(0.5, 2.0)
+            })
+            .collect();
+        d = next;
+        if worst < CLOSE_ENOUGH {
+            break;
+        }
+    }
+    d
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn symmetrising_keeps_row_sums_and_makes_transport_reciprocal() {
+        // Three patches of a closed scene with noisy factors.
+        let area = [1.0, 2.0, 4.0];
+        let rows = [vec![(1, 0.375), (2, 0.625)], vec![(0, 0.25), (2, 0.75)], vec![(0, 0.125), (1, 0.375), (2, 0.5)]];
+        let rows = rows.map(|direct| Row { direct, ..Row::default() });
+        let mut m = FormFactorMatrix::from_rows(rows.to_vec());
+        m.symmetrise(&area);
+        assert!(m.closure.reciprocity_defect > 0.01, "the noise was not seen: {}", m.closure.reciprocity_defect);
+        for i in 0..3 {
+            assert!((m.direct_sum(i) - 1.0).abs() < 1e-7, "row {i} sums to {}", m.direct_sum(i));
+            for (j, f) in m.direct(i) {
+                let back = m.direct(j).find(|e| e.0 == i).map_or(0.0, |e| e.1);
+                assert!((area[i] * f - area[j] * back).abs() < 1e-5, "{i} -> {j}: {} and {}", area[i] * f, area[j] * back);
+            }
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! The pass loop: runs an integrator until its budget is spent. The only place in pass two that knows time.
+
+use super::{Frame, Integrator};
+use crate::film::Film;
+use crate::progress::{Observer, Progress, Stage};
+use crate::world::walk::RayCounts;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+/// When to stop; the first limit met ends the run.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Budget {
+    /// Samples per pixel.
+    pub spp: Option<u32>,
+    /// Wall seconds since `started`.
+    pub time: Option<f64>,
+    /// CPU seconds (user and system) of the process since `cpu_started`.
+    pub cpu_time: Option<f64>,
+    /// Predicted relmse.
+    pub error: Option<f64>,
+}
+
+impl Budget {
+    /// True if no limit is set.
+    pub fn is_unlimited(&self) -> bool {
+        *self == Budget::default()
+    }
+}
+
+/// Clocks against which a budget runs; made at the end of loading.
+#[derive(Debug, Clone, Copy)]
+pub struct Clocks {
+    started: Instant,
+    cpu_started: f64,
+    cpu_now: fn() -> f64,
+}
+
+impl Clocks {
+    /// Starts now. `cpu_now` gives the CPU seconds of the process so far.
+    pub fn start(cpu_now: fn() -> f64) -> Self {
+        Self { started: Instant::now(), cpu_started: cpu_now(), cpu_now }
+    }
+
+    /// Wall seconds since the start.
+    pub fn wall(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// CPU seconds since the start.
+    pub fn cpu(&self) -> f64 {
+        (self.cpu_now)() - self.cpu_started
+    }
+}
+
+/// What a run of passes gave.
+pub struct Driven {
+    /// The film.
+    pub film: Film,
+    /// Rays cast.
+    pub counts: RayCounts,
+    /// False if the observer stopped it before its budget was met.
+    pub complete: bool,
+}
+
+/// The predicted error is looked at only after this many passes: from fewer it is too rough to stop on.
+const PASSES_BEFORE_ERROR: u32 = 8;
+
+/// Runs passes until the budget is met or the observer stops it. `snapshot` sees the film after each pass.
+pub fn drive(
+    integrator: &dyn Integrator,
+    frame: &Frame,
+    budget: &Budget,
+    clocks: &Clocks,
+    observer: &mut Observer<'_>,
+    snapshot: &mut dyn FnMut(&Film),
+) -> Driven {
+    let mut film = Film::new(frame.crop[2], frame.crop[3]);
+    let mut counts = RayCounts::default();
+    let render_started = (clocks.wall(), clocks.cpu());
+    let mut index = 0;
+    loop {
+        let (samples, pass_counts) = integrator.pass(frame, index);
+        film.add_pass(index, &samples);
+        counts += pass_counts;
+        index += 1;
+        snapshot(&film);
+        let done = fraction_done(budget, clocks, render_started, &film);
+        if done >= 1.0 {
+            return Driven { film, counts, complete: true };
+        }
+        if let ControlFlow::Break(()) = observer(&Progress { stage: Stage::Render, done, total: 1.0 }) {
+            return Driven { film, counts, complete: false };
+        }
+    }
+}
+
+/// Share of the budget that is spent: the largest over its limits. A time limit also ends the run when the next pass would overrun
+/// it by more than it would leave unused.
+fn fraction_done(budget: &Budget, clocks: &Clocks, started: (f64, f64), film: &Film) -> f64 {
+    let passes = film.n_passes();
+    let timed = |limit: f64, now: f64, start: f64| {
+        let per_pass = (now - start) / f64::from(passes);
+        if now + 0.5 * per_pass >= limit { 1.0 } else { now / limit }
+    };
+    let by_spp = budget.spp.map_or(0.0, |spp| f64::from(passes) / f64::from(spp));
+    let by_time = budget.time.map_or(0.0, |t| timed(t, clocks.wall(), started.0));
+    let by_cpu = budget.cpu_time.map_or(0.0, |t| timed(t, clocks.cpu(), started.1));
+    let by_error = match (budget.error, film.estimated_relmse()) {
+        (Some(goal), Some(now)) if passes >= PASSES_BEFORE_ERROR => (goal / now).min(1.0),
+        _ => 0.0,
+    };
+    by_spp.max(by_time).max(by_cpu).max(by_error)
+}

@@ -1,0 +1,233 @@
+//! Large triangles are split: first along the surfaces that cut them, then by a regular grid of the patch size.
+//!
+//! The pieces of one triangle are the leaves of a binary tree of lines in its barycentric plane, so that the piece under a hit is
+//! found in a few steps.
+
+use super::cuts::{self, Line};
+use crate::math::Vec3;
+use crate::world::World;
+use rayon::prelude::*;
+
+/// A point by the barycentric weights of the second and third vertex.
+pub type Point = [f64; 2];
+
+/// Convex polygon in barycentric coordinates.
+pub type Polygon = Vec<Point>;
+
+/// What a tree answers where a sliver too thin to matter was left without a piece.
+pub const NO_PIECE: u32 = u32::MAX;
+
+/// A piece thinner than this share of its triangle stays with its neighbour.
+const SLIVER: f64 = 1e-9;
+
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    line: Line,
+    /// Where the line's value is below 0, and where it is not; leaves are stored as `LEAF | index`.
+    children: [u32; 2],
+}
+
+const LEAF: u32 = 1 << 31;
+
+/// The pieces of one triangle.
+#[derive(Debug, Clone)]
+pub struct SplitTree {
+    nodes: Vec<Node>,
+    root: u32,
+    /// Polygons of the leaves, until they have become elements.
+    pub leaves: Vec<Polygon>,
+    /// Added to a leaf's index to find its element.
+    pub base: u32,
+}
+
+impl SplitTree {
+    /// The same tree with its polygons given up and its leaves counted from `base`.
+    pub fn without_leaves(mut self, base: u32) -> Self {
+        self.leaves = Vec::new();
+        self.base = base;
+        self
+    }
+
+    /// Index of the leaf that holds barycentric point (u, v).
+    #[inline]
+    pub fn find(&self, u: f64, v: f64) -> u32 {
+        let mut at = self.root;
+        while at & LEAF == 0 {
+            let node = &self.nodes[at as usize];
+            at = node.children[usize::from(node.line.value([u, v]) >= 0.0)];
+        }
+        at & !LEAF
+    }
+}
+
+/// Splits each of `primitives` (triangles); in the order given.
+pub fn split_all(world: &World, primitives: &[u32], patch_size: f64) -> Vec<(u32, SplitTree)> {
+    primitives
+        .par_iter()
+        .map(|&primitive| {
+            let corners = world.soup().corners(primitive as usize);
+            let lines = cuts::cutting_lines(world, primitive, patch_size);
+            (primitive, split(corners, &lines, patch_size))
+        })
+        .collect()
+}
+
+/// Splits one triangle along `lines` and then by the grid.
+fn split(corners: [Vec3; 3], lines: &[cuts::Cut], patch_size: f64) -> SplitTree {
+    let mut tree = SplitTree { nodes: Vec::new(), root: 0, leaves: Vec::new(), base: 0 };
+    let grid = Grid::new(corners, patch_size);
+    let whole = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+    tree.root = tree.cut(whole, lines.to_vec(), &grid);
+    tree
+}
+
+impl SplitTree {
+    fn push(&mut self, line: Line) -> usize {
+        self.nodes.push(Node { line, children: [0; 2] });
+        self.nodes.len() - 1
+    }
+
+    fn cut(&mut self, polygon: Polygon, mut lines: Vec<cuts::Cut>, grid: &Grid) -> u32 {
+        // The longest cut first: it decides most.
+        while let Some(cut) = lines.pop() {
+            let [below, above] = clip_both(&polygon, &cut.line);
+            if area(&below).min(area(&above)) <= SLIVER || !cut.reaches_into(&polygon) {
+                continue;
+            }
+            let node = self.push(cut.line);
+            let low = self.cut(below, lines.clone(), grid);
+            let high = self.cut(above, lines, grid);
+            self.nodes[node].children = [low, high];
+            return node as u32;
+        }
+        self.refine(polygon, grid)
+    }
+
+    /// Splits at the middle grid line of the direction that spans more cells, until one cell is left.
+    fn refine(&mut self, polygon: Polygon, grid: &Grid) -> u32 {
+        let spans = [0, 1].map(|axis| grid.cells_spanned(&polygon, axis));
+        let axis = usize::from(spans[1].1 - spans[1].0 > spans[0].1 - spans[0].0);
+        let (first, last) = spans[axis];
+        if last > first {
+            let line = grid.line(axis, (first + last).div_euclid(2) + 1);
+            let [below, above] = clip_both(&polygon, &line);
+            if area(&below).min(area(&above)) > SLIVER {
+                let node = self.push(line);
+                let low = self.refine(below, grid);
+                let high = self.refine(above, grid);
+                self.nodes[node].children = [low, high];
+                return node as u32;
+            }
+        }
+        self.leaves.push(polygon);
+        LEAF | (self.leaves.len() as u32 - 1)
+    }
+}
+
+/// A grid over a triangle, spanned by the two edges at the vertex whose angle is nearest to a right one. The two halves of a
+/// rectangle then share one grid.
+struct Grid {
+    /// Each coordinate as a line function of (u, v), scaled so that cells have unit size.
+    coordinates: [Line; 2],
+}
+
+impl Grid {
+    fn new(corners: [Vec3; 3], patch_size: f64) -> Self {
+        let p = corners.map(|c| c.as_dvec3());
+        let squareness = |i: usize| {
+            let (e, f) = (p[(i + 1) % 3] - p[i], p[(i + 2) % 3] - p[i]);
+            (e.dot(f) / (e.length() * f.length())).abs()
+        };
+        let apex = (0..3).min_by(|&i, &j| squareness(i).total_cmp(&squareness(j))).unwrap_or(0);
+        let cells = |to: usize| ((p[to] - p[apex]).length() / patch_size).ceil().max(1.0);
+        // Barycentric weight of vertex k as a line function: 1 - u - v, u, v.
+        let weight = |k: usize| match k {
+            0 => Line { a: -1.0, b: -1.0, c: 1.0 },
+            1 => Line { a: 1.0, b: 0.0, c: 0.0 },
+            _ => Line { a: 0.0, b: 1.0, c: 0.0 },
+        };
+        let coordinates = [(apex + 1) % 3, (apex + 2) % 3].map(|k| weight(k).scaled(cells(k)));
+        Self { coordinates }
+    }
+
+    /// First and last cell that a polygon reaches into along `axis`.
+    fn cells_spanned(&self, polygon: &Polygon, axis: usize) -> (i64, i64) {
+        let values = polygon.iter().map(|p| self.coordinates[axis].value(*p));
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        // A border that lies on a grid line up to rounding does not reach into the next cell.
+        ((low + 1e-6).floor() as i64, (high - 1e-6).floor() as i64)
+    }
+
+    /// Grid line `k` of `axis`.
+    fn line(&self, axis: usize, k: i64) -> Line {
+        let Line { a, b, c } = self.coordinates[axis];
+        Line { a, b, c: c - k as f64 }
+    }
+}
+
+/// Area in barycentric coordinates, of which the whole triangle has 1/2.
+pub fn area(polygon: &Polygon) -> f64 {
+    let n = polygon.len();
+    let cross = |i: usize| {
+        let (p, q) = (polygon[i], polygon[(i + 1) % n]);
+        p[0] * q[1] - q[0] * p[1]
+    };
+    0.5 * (0..n).map(cross).sum::<f64>()
+}
+
+/// The parts of a convex polygon where the line function is below 0 and where it is not.
+fn clip_both(polygon: &Polygon, line: &Line) -> [Polygon; 2] {
+    let mut parts = [Polygon::new(), Polygon::new()];
+    for (i, &p) in polygon.iter().enumerate() {
+        let q = polygon[(i + 1) % polygon.len()];
+        let (d, e) = (line.value(p), line.value(q));
+        parts[usize::from(d >= 0.0)].push(p);
+        if (d >= 0.0) != (e >= 0.0) {
+            let t = d / (d - e);
+            let x = [p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])];
+            parts.iter_mut().for_each(|part| part.push(x));
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CORNERS: [Vec3; 3] = [Vec3::new(0.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+
+    fn cut(a: f64, b: f64, c: f64) -> cuts::Cut {
+        cuts::Cut { line: Line { a, b, c }, from: [-10.0, -10.0], to: [10.0, 10.0], length: 1.0 }
+    }
+
+    #[test]
+    fn pieces_cover_the_triangle_and_are_found_again() {
+        let lines = [cut(1.0, -0.5, -0.2)];
+        let tree = split(CORNERS, &lines, 0.13);
+        let total: f64 = tree.leaves.iter().map(area).sum();
+        assert!((total - 0.5).abs() < 1e-9, "pieces cover {total} of 0.5");
+        for (index, polygon) in tree.leaves.iter().enumerate() {
+            let n = polygon.len() as f64;
+            let (u, v) = polygon.iter().fold((0.0, 0.0), |(u, v), p| (u + p[0] / n, v + p[1] / n));
+            assert_eq!(tree.find(u, v) as usize, index, "the middle of piece {index}");
+        }
+    }
+
+    #[test]
+    fn no_piece_straddles_a_cut() {
+        let line = Line { a: 1.0, b: -0.5, c: -0.2 };
+        let tree = split(CORNERS, &[cut(line.a, line.b, line.c)], 0.3);
+        for polygon in &tree.leaves {
+            let values: Vec<f64> = polygon.iter().map(|p| line.value(*p)).collect();
+            let (low, high) = (values.iter().copied().fold(f64::MAX, f64::min), values.iter().copied().fold(f64::MIN, f64::max));
+            assert!(low > -1e-12 || high < 1e-12, "a piece reaches from {low} to {high} across the cut");
+        }
+    }
+
+    #[test]
+    fn pieces_are_no_larger_than_asked() {
+        let tree = split(CORNERS, &[], 0.25);
+        assert_eq!(tree.leaves.len(), 4 * 8 / 2 + 4, "8 x 4 cells halved by the diagonal");
+    }
+}

@@ -1,0 +1,149 @@
+//! Pass one: patches, their direct light, form factors, solution. View-independent.
+
+use super::{PipelineError, cost::Stopwatch};
+use crate::form_factor::FormFactorMatrix;
+use crate::form_factor::ray_cast::{self, RayCastSettings};
+use crate::math::{Rgb, Sampler, sampler::mix};
+use crate::patch::{PatchId, PatchMesh, PatchSettings};
+use crate::progress::{Observer, Progress, Stage};
+use crate::radiosity::{RadiosityField, RadiositySystem, Solution, SolverSettings, gauss_seidel};
+use crate::world::walk::RayCounts;
+use crate::world::{DirectSampling, World};
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// Points of each patch at which its direct light is measured.
+const DIRECT_POINTS: u64 = 32;
+
+/// How pass one is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PassOneSettings {
+    /// The patches.
+    pub patches: PatchSettings,
+    /// Standard error allowed to any form factor.
+    pub form_factor_tolerance: f64,
+    /// The solver.
+    pub solver: SolverSettings,
+}
+
+impl Default for PassOneSettings {
+    /// Form factors within 0.022: 512 rays a patch.
+    fn default() -> Self {
+        Self { patches: PatchSettings::default(), form_factor_tolerance: 0.0221, solver: SolverSettings::default() }
+    }
+}
+
+/// The solution with what it rests on.
+pub struct PassOne {
+    /// What pass two reads.
+    pub field: RadiosityField,
+    /// Form factors.
+    pub form_factors: FormFactorMatrix,
+    /// How the system was solved.
+    pub solution: Solution,
+    /// Where the light went.
+    pub power: PowerBalance,
+}
+
+/// Power of all light over the three channels [W]. What mirrors and glass absorb is the rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub struct PowerBalance {
+    /// Emitted by area and point lights.
+    pub emitted: f64,
+    /// Absorbed by patches: sum of A (1 - rho) H.
+    pub absorbed: f64,
+    /// Left the scene after reflection by a patch or emission by a glowing surface.
+    pub escaped: f64,
+    /// (emitted - absorbed - escaped) / emitted: mirrors, glass, black backs and the estimation error.
+    pub unaccounted: f64,
+}
+
+/// Solves pass one.
+///
+/// # Errors
+/// If the patches are too many, no solution exists, or the observer stopped it.
+pub fn solve(
+    world: &World,
+    settings: &PassOneSettings,
+    seed: u64,
+    watch: &mut Stopwatch,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Result<PassOne, PipelineError> {
+    let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
+    stop_if_asked(observer, Stage::Patches)?;
+    let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, seed, counts));
+    stop_if_asked(observer, Stage::PatchDirect)?;
+    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, mix(seed ^ 0x00f0_0f0f));
+    let form_factors = watch
+        .time(Stage::FormFactors, || ray_cast::cast(world, &patches, &ray_cast, counts, observer))
+        .ok_or(PipelineError::Stopped)?;
+    let gathered = gathered_irradiance(world, &patches, &form_factors);
+    let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| *a + *b).collect();
+    let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
+    let solution = watch.time(Stage::Solve, || gauss_seidel::solve(&system, &settings.solver, observer))?;
+    let indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
+    let power = balance(world, &patches, &form_factors, &solution.irradiance);
+    let field =
+        RadiosityField { patches, shadow_irradiance: shadow, gathered_irradiance: gathered, indirect_irradiance: indirect };
+    Ok(PassOne { field, form_factors, solution, power })
+}
+
+fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), PipelineError> {
+    if observer(&Progress { stage, done: 1.0, total: 1.0 }).is_break() { Err(PipelineError::Stopped) } else { Ok(()) }
+}
+
+/// Mean irradiance of each patch by the lamps that shadow rays find.
+fn direct_irradiance(world: &World, patches: &PatchMesh, seed: u64, counts: &mut RayCounts) -> Vec<Rgb> {
+    if world.partition().shadow_lights().is_empty() {
+        return vec![Rgb::BLACK; patches.len()];
+    }
+    let measured: Vec<(Rgb, RayCounts)> = (0..patches.len() as u32)
+        .into_par_iter()
+        .map(|i| {
+            let mut counts = RayCounts::default();
+            let sum: Rgb = (0..DIRECT_POINTS)
+                .map(|k| {
+                    let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), u64::from(i), k);
+                    let mut at = patches.sample(world, PatchId(i), sampler.next_2d());
+                    // Radiosity belongs to the faces themselves, not to the smoothed normals.
+                    at.ns = at.ng;
+                    world.direct_irradiance(&at, DirectSampling::default(), &mut sampler, &mut counts)
+                })
+                .sum();
+            (sum / DIRECT_POINTS as f64, counts)
+        })
+        .collect();
+    measured.iter().for_each(|(_, c)| *counts += *c);
+    measured.into_iter().map(|(h, _)| h).collect()
+}
+
+/// Irradiance of each patch by light that only form factors find: glowing walls, the surroundings, and any emitter seen through
+/// mirrors or glass.
+fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix) -> Vec<Rgb> {
+    let by_shadow_rays = patches.found_by_shadow_rays(world);
+    (0..patches.len())
+        .map(|i| {
+            let walls: Rgb =
+                form_factors.direct(i).filter(|(j, _)| !by_shadow_rays[*j]).map(|(j, f)| patches.exitance[j] * f).sum();
+            let through: Rgb = form_factors.specular(i).map(|(j, f)| patches.exitance[j] * f).sum();
+            walls + through + form_factors.escaped(i) * world.scene().environment * PI
+        })
+        .collect()
+}
+
+fn balance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix, irradiance: &[Rgb]) -> PowerBalance {
+    let total = |v: Rgb| v.r + v.g + v.b;
+    let emitted = total(world.scene().power());
+    let by_shadow_rays = patches.found_by_shadow_rays(world);
+    let (mut absorbed, mut escaped) = (0.0, 0.0);
+    for i in 0..patches.len() {
+        let (rho, h, a) = (patches.rho[i], irradiance[i], patches.area[i]);
+        absorbed += a * total((Rgb::WHITE - rho) * h);
+        // What shadow rays do not account for leaves by the form factors of what is reflected or glows.
+        let leaves = rho * h + if by_shadow_rays[i] { Rgb::BLACK } else { patches.exitance[i] };
+        escaped += a * total(form_factors.escaped(i) * leaves);
+    }
+    let unaccounted = if emitted > 0.0 { (emitted - absorbed - escaped) / emitted } else { 0.0 };
+    PowerBalance { emitted, absorbed, escaped, unaccounted }
+}

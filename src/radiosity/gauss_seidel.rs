@@ -1,0 +1,133 @@
+//! Gauss-Seidel, the solver of the classic radiosity papers [Goral84], [Cohen85].
+
+use super::{Solution, SolveError, SolverSettings, system::RadiositySystem};
+use crate::math::Rgb;
+use crate::progress::{Observer, Progress, Stage};
+use std::ops::ControlFlow;
+
+/// Solves H = S + F rho H by sweeps in patch order, each patch using what earlier ones have just become.
+///
+/// It stops on a bound of the true error, not on the change per sweep, which for a small lamp in a bright room stops after one
+/// sweep with 99 % error. With q = max_i sum_j F_ij rho_j < 1 and residual r = S + F rho H - H, the error in the maximum norm is at most
+/// |r| / (1 - q). The residual after a sweep is at most q times the largest change of it.
+///
+/// # Errors
+/// [`SolveError::NoSteadyState`] if q >= 1 and there is light.
+pub fn solve(
+    system: &RadiositySystem<'_>,
+    settings: &SolverSettings,
+    observer: &mut Observer<'_>,
+) -> Result<Solution, SolveError> {
+    let q = system.spectral_bound();
+    let mut irradiance = system.source.clone();
+    let dark = irradiance.iter().all(|h| h.is_black());
+    if dark || system.is_empty() {
+        return Ok(Solution { irradiance, sweeps: 0, error_bound: 0.0, spectral_bound: q, converged: true });
+    }
+    // Rows sum to 1 only up to the rounding of their f32 entries.
+    if q >= 1.0 - 1e-7 {
+        return Err(SolveError::NoSteadyState { spectral_bound: q });
+    }
+    let mut bound = f64::INFINITY;
+    let mut first_bound = f64::INFINITY;
+    for sweep in 1..=settings.max_sweeps {
+        let change = sweep_once(system, &mut irradiance);
+        let mean = system.mean_irradiance(&irradiance);
+        bound = q * change / (1.0 - q) / mean;
+        if sweep == 1 {
+            first_bound = bound;
+        }
+        if bound <= settings.tolerance {
+            return Ok(Solution { irradiance, sweeps: sweep, error_bound: bound, spectral_bound: q, converged: true });
+        }
+        // The bound falls geometrically, so its logarithm measures the way.
+        let done = (first_bound / bound).ln() / (first_bound / settings.tolerance).ln();
+        if let ControlFlow::Break(()) = observer(&Progress { stage: Stage::Solve, done: done.clamp(0.0, 1.0), total: 1.0 }) {
+            return Ok(Solution { irradiance, sweeps: sweep, error_bound: bound, spectral_bound: q, converged: false });
+        }
+    }
+    Ok(Solution { irradiance, sweeps: settings.max_sweeps, error_bound: bound, spectral_bound: q, converged: false })
+}
+
+/// One sweep in place; the largest change of any patch and channel.
+fn sweep_once(system: &RadiositySystem<'_>, irradiance: &mut [Rgb]) -> f64 {
+    let mut largest: f64 = 0.0;
+    for i in 0..system.len() {
+        let new = system.gathered(i, irradiance);
+        largest = largest.max((new - irradiance[i]).map(f64::abs).max());
+        irradiance[i] = new;
+    }
+    largest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::form_factor::analytic::{parallel_rectangles, perpendicular_rectangles};
+    use crate::form_factor::matrix::{FormFactorMatrix, Row};
+
+    /// Unit cube, one patch a face, with exact form factors; face 0 is the ceiling, face 1 the floor.
+    fn cube() -> FormFactorMatrix {
+        let opposite = parallel_rectangles(1.0, 1.0, 1.0);
+        let adjacent = perpendicular_rectangles(1.0, 1.0, 1.0);
+        let row = |i: u32| Row {
+            direct: (0..6).filter(|j| *j != i).map(|j| (j, if j == i ^ 1 { opposite } else { adjacent } as f32)).collect(),
+            ..Row::default()
+        };
+        FormFactorMatrix::from_rows((0..6).map(row).collect())
+    }
+
+    fn solve_cube(rho: f64, exitance: [f64; 6]) -> (Vec<f64>, Solution) {
+        let matrix = cube();
+        let (rho, area) = ([Rgb::grey(rho); 6], [1.0; 6]);
+        let source = (0..6).map(|i| Rgb::grey(matrix.direct(i).map(|(j, f)| f * exitance[j]).sum())).collect();
+        let system = RadiositySystem { rho: &rho, area: &area, form_factors: &matrix, source };
+        let settings = SolverSettings { tolerance: 1e-11, ..SolverSettings::default() };
+        let solution = solve(&system, &settings, &mut crate::progress::silent).expect("solves");
+        let radiosity = (0..6).map(|i| exitance[i] + rho[i].g * solution.irradiance[i].g).collect();
+        (radiosity, solution)
+    }
+
+    #[test]
+    fn the_cube_of_six_patches_has_its_exact_radiosity() {
+        // radiosity of ceiling, floor and wall for E = 1 on the ceiling; stored factors are f32, so the bound is their rounding.
+        let table = [
+            (0.5, [1.090_909_098, 0.181_745_826, 0.181_836_269]),
+            (0.9, [2.372_881_375, 1.525_310_551, 1.525_452_019]),
+            (0.99, [17.362_270_473, 16.527_425_128, 16.527_576_1]),
+        ];
+        for (rho, want) in table {
+            let (radiosity, _) = solve_cube(rho, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            for (face, want) in [(0, want[0]), (1, want[1]), (2, want[2])] {
+                let tolerance = 2.0_f64.powi(-24) * 4.0 / (1.0 - rho) * want;
+                let error = (radiosity[face] - want).abs();
+                assert!(error < tolerance.max(2e-8), "rho {rho} face {face}: {}, expected {want}", radiosity[face]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_error_bound_holds() {
+        for rho in [0.5, 0.9, 0.99, 0.999] {
+            let (_, exact) = solve_cube(rho, [1.0; 6]);
+            let matrix = cube();
+            let (rho_all, area) = ([Rgb::grey(rho); 6], [1.0; 6]);
+            let source = (0..6).map(|i| Rgb::grey(matrix.direct_sum(i))).collect();
+            let system = RadiositySystem { rho: &rho_all, area: &area, form_factors: &matrix, source };
+            let loose = SolverSettings { tolerance: 1e-3, ..SolverSettings::default() };
+            let got = solve(&system, &loose, &mut crate::progress::silent).expect("solves");
+            let mean = system.mean_irradiance(&exact.irradiance);
+            let error = (0..6).map(|i| (got.irradiance[i].g - exact.irradiance[i].g).abs() / mean).fold(0.0, f64::max);
+            assert!(error <= 1e-3 && got.error_bound <= 1e-3, "rho {rho}: error {error}, bound {}", got.error_bound);
+            assert!(error <= got.error_bound * 1.001, "rho {rho}: error {error} above its bound {}", got.error_bound);
+        }
+    }
+
+    #[test]
+    fn a_closed_scene_that_absorbs_nothing_is_refused() {
+        let matrix = cube();
+        let system = RadiositySystem { rho: &[Rgb::WHITE; 6], area: &[1.0; 6], form_factors: &matrix, source: vec![Rgb::WHITE; 6] };
+        let got = solve(&system, &SolverSettings::default(), &mut crate::progress::silent);
+        assert!(matches!(got, Err(SolveError::NoSteadyState { .. })));
+    }
+}

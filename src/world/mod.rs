@@ -1,0 +1,197 @@
+//! A scene made ready for rays: primitives, the tree over them, and what is known at a hit.
+
+pub mod illumination;
+pub mod interaction;
+pub mod partition;
+pub mod walk;
+
+pub use illumination::DirectSampling;
+pub use interaction::SurfaceInteraction;
+pub use partition::EmitterPartition;
+
+use crate::accel::{self, Accel, AccelError, AccelKind};
+use crate::geometry::soup::Primitive;
+use crate::geometry::{Bounds, Hit, Ray, Soup, triangle};
+use crate::math::{Vec2, Vec3};
+use crate::scene::{Scene, Shape, ShapeSurface};
+use std::sync::Arc;
+
+/// Relative bound on the rounding of a hit point, in units of the largest coordinate of its primitive.
+///
+/// The point itself is rounded once from f64 (half an ulp, 2^-24). The watertight test rounds vertex minus origin, the shear and
+/// the weighted sum of depths; eight ulps cover its chain of operations for rays that leave the surface.
+const POINT_ERROR: f32 = 4.0 * f32::EPSILON;
+
+/// Scene, primitives and tree. Immutable; shared by all threads.
+pub struct World {
+    scene: Scene,
+    soup: Arc<Soup>,
+    accel: Box<dyn Accel>,
+    partition: EmitterPartition,
+    shape_of_primitive: Vec<u32>,
+    /// First primitive of each shape; triangles of a mesh and the one sphere of a sphere are consecutive.
+    first_primitive: Vec<u32>,
+    bounds: Bounds,
+    shape_bounds: Vec<Bounds>,
+}
+
+impl World {
+    /// Flattens the scene and builds the tree.
+    ///
+    /// # Errors
+    /// If the engine is not in this build or cannot be set up.
+    pub fn new(scene: Scene, kind: AccelKind) -> Result<World, AccelError> {
+        let mut soup = Soup::default();
+        let mut shape_of_primitive = Vec::new();
+        let mut first_primitive = vec![0; scene.shapes.len()];
+        for (i, shape) in scene.shapes.iter().enumerate() {
+            if let ShapeSurface::Mesh(mesh) = &shape.surface {
+                let base = soup.vertices.len() as u32;
+                first_primitive[i] = soup.triangles.len() as u32;
+                soup.vertices.extend_from_slice(&mesh.positions);
+                soup.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| v + base)));
+                shape_of_primitive.resize(soup.triangles.len(), i as u32);
+            }
+        }
+        for (i, shape) in scene.shapes.iter().enumerate() {
+            if let ShapeSurface::Sphere(sphere) = shape.surface {
+                first_primitive[i] = shape_of_primitive.len() as u32;
+                soup.spheres.push(sphere);
+                shape_of_primitive.push(i as u32);
+            }
+        }
+        let bounds = soup.bounds();
+        let mut shape_bounds = vec![Bounds::EMPTY; scene.shapes.len()];
+        for (primitive, &shape) in shape_of_primitive.iter().enumerate() {
+            let shape = &mut shape_bounds[shape as usize];
+            *shape = shape.union(soup.bounds_of(primitive as u32));
+        }
+        let soup = Arc::new(soup);
+        let accel = accel::build(Arc::clone(&soup), kind)?;
+        let partition = EmitterPartition::new(&scene);
+        Ok(World { scene, soup, accel, partition, shape_of_primitive, first_primitive, bounds, shape_bounds })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The primitives.
+    pub fn soup(&self) -> &Soup {
+        &self.soup
+    }
+
+    /// Which emitters are found by shadow rays and which by gather rays.
+    pub fn partition(&self) -> &EmitterPartition {
+        &self.partition
+    }
+
+    /// Box of all primitives.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    /// Box of one shape.
+    pub fn shape_bounds(&self, shape: usize) -> Bounds {
+        self.shape_bounds[shape]
+    }
+
+    /// Index of the shape that primitive `index` belongs to.
+    #[inline]
+    pub fn shape_index(&self, primitive: u32) -> usize {
+        self.shape_of_primitive[primitive as usize] as usize
+    }
+
+    /// The shape that primitive `index` belongs to.
+    #[inline]
+    pub fn shape(&self, primitive: u32) -> &Shape {
+        &self.scene.shapes[self.shape_index(primitive)]
+    }
+
+    /// First primitive of a shape; its others follow.
+    pub fn first_primitive(&self, shape: usize) -> u32 {
+        self.first_primitive[shape]
+    }
+
+    /// Nearest surface along `ray`.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray) -> Option<SurfaceInteraction> {
+        self.accel.intersect(ray).map(|hit| self.interaction(ray, hit))
+    }
+
+    /// True if something lies between the two ends of `ray`.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        self.accel.occluded(ray)
+    }
+
+    /// True if nothing lies between two points, neither of which may lie on a surface.
+    #[inline]
+    pub fn visible(&self, from: Vec3, to: Vec3) -> bool {
+        !self.accel.occluded(&Ray::between(from, to))
+    }
+
+    /// The surface at a hit, found again from ray and primitive alone, so that every engine gives the same.
+    #[inline]
+    fn interaction(&self, ray: &Ray, hit: Hit) -> SurfaceInteraction {
+        match self.soup.primitive(hit.primitive) {
+            Primitive::Triangle([a, b, c]) => {
+                let weights = triangle::barycentric(ray, a, b, c);
+                let mut si = self.on_triangle(hit.primitive, weights, -ray.direction);
+                si.t = hit.t;
+                si
+            }
+            Primitive::Sphere(sphere) => {
+                let n = sphere.normal(ray.at(hit.t));
+                self.on_sphere(hit.primitive, n, -ray.direction, hit.t)
+            }
+        }
+    }
+
+    /// The surface point of triangle `primitive` at barycentric `weights` of its second and third vertex, seen from `wo`.
+    #[inline]
+    pub fn on_triangle(&self, primitive: u32, weights: (f64, f64), wo: Vec3) -> SurfaceInteraction {
+        let shape = self.shape_index(primitive);
+        let [a, b, c] = self.soup.corners(primitive as usize);
+        let (u, v) = weights;
+        let w = 1.0 - u - v;
+        let mix = |a: Vec3, b: Vec3, c: Vec3| a.as_dvec3() * w + b.as_dvec3() * u + c.as_dvec3() * v;
+        let mut ng = triangle::normal(a, b, c);
+        let (mut ns, mut uv) = (ng, Vec2::new(u as f32, v as f32));
+        if let ShapeSurface::Mesh(mesh) = &self.scene.shapes[shape].surface {
+            let [i, j, k] = mesh.triangles[(primitive - self.first_primitive[shape]) as usize].map(|i| i as usize);
+            if !mesh.normals.is_empty() {
+                let n = mix(mesh.normals[i], mesh.normals[j], mesh.normals[k]).as_vec3().normalize_or_zero();
+                if n != Vec3::ZERO {
+                    ns = n;
+                    // Vertex normals say which side is the front, whatever the winding.
+                    if ng.dot(ns) < 0.0 {
+                        ng = -ng;
+                    }
+                }
+            }
+            if !mesh.uvs.is_empty() {
+                let [p, q, r] = [i, j, k].map(|i| mesh.uvs[i].as_dvec2());
+                uv = (p * w + q * u + r * v).as_vec2();
+            }
+        }
+        let error = a.abs().max(b.abs()).max(c.abs()) * POINT_ERROR;
+        SurfaceInteraction::new(mix(a, b, c).as_vec3(), error, ng, ns, uv, weights, shape as u32, primitive, wo)
+    }
+
+    /// The point of sphere `primitive` with outward unit normal `n`, seen from `wo`; `t` is the ray parameter.
+    #[inline]
+    pub fn on_sphere(&self, primitive: u32, n: Vec3, wo: Vec3, t: f32) -> SurfaceInteraction {
+        let sphere = self.soup.spheres[primitive as usize - self.soup.triangles.len()];
+        let point = (sphere.center.as_dvec3() + n.as_dvec3() * f64::from(sphere.radius)).as_vec3();
+        let error = (sphere.center.abs() + sphere.radius) * POINT_ERROR;
+        let phi = n.y.atan2(n.x).rem_euclid(std::f32::consts::TAU);
+        let uv = Vec2::new(phi / std::f32::consts::TAU, n.z.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
+        let place = (f64::from(uv.x), f64::from(n.z));
+        let shape = self.shape_index(primitive) as u32;
+        let mut si = SurfaceInteraction::new(point, error, n, n, uv, place, shape, primitive, wo);
+        si.t = t;
+        si
+    }
+}

@@ -1,0 +1,4 @@
+//! Each physical law is a test.
+
+mod furnace;
+mod support;

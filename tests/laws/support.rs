@@ -1,0 +1,122 @@
+//! Small scenes made in memory.
+
+use twopass::geometry::tessellate;
+use twopass::integrator::drive::{Budget, Clocks};
+use twopass::material::{Material, MaterialId, Surface, Texture};
+use twopass::math::{DAffine3, DVec3, Rgb};
+use twopass::pipeline::{RenderSettings, Rendered, cpu_seconds, render};
+use twopass::progress::silent;
+use twopass::scene::camera::FovAxis;
+use twopass::scene::{Camera, FilmSettings, Scene, SceneSource, ShapeSource, SurfaceSource};
+
+/// A scene under construction.
+pub struct Room {
+    pub source: SceneSource,
+}
+
+impl Room {
+    /// An empty scene whose camera stands at `eye` and looks at `target`, 90 degrees wide, with a square film of `size` pixels.
+    pub fn new(eye: DVec3, target: DVec3, size: usize) -> Self {
+        let forward = (target - eye).normalize();
+        let up = if forward.y.abs() > 0.9 { DVec3::Z } else { DVec3::Y };
+        let left = up.cross(forward).normalize();
+        let matrix = glam::DMat3::from_cols(left, forward.cross(left), forward);
+        let camera = Camera {
+            to_scene: DAffine3 { matrix3: matrix, translation: eye },
+            fov: 90.0_f64.to_radians(),
+            fov_axis: FovAxis::X,
+            near_clip: 1e-4,
+            far_clip: 1e7,
+        };
+        let film = FilmSettings { width: size, height: size, sample_count: 16, max_depth: None };
+        let source = SceneSource {
+            name: "test".to_owned(),
+            camera,
+            film,
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            point_lights: Vec::new(),
+            environment: Rgb::BLACK,
+            warnings: Vec::new(),
+        };
+        Room { source }
+    }
+
+    pub fn material(&mut self, material: Material, two_sided: bool) -> MaterialId {
+        self.source.materials.push(Surface { name: "test".to_owned(), material, two_sided });
+        MaterialId(self.source.materials.len() as u32 - 1)
+    }
+
+    pub fn grey(&mut self, rho: f64) -> MaterialId {
+        self.material(Material::Diffuse { reflectance: Texture::Constant(Rgb::grey(rho)) }, false)
+    }
+
+    pub fn mirror(&mut self, reflectance: f64) -> MaterialId {
+        self.material(Material::Conductor { index: None, reflectance: Rgb::grey(reflectance) }, true)
+    }
+
+    pub fn glass(&mut self, eta: f64) -> MaterialId {
+        self.material(Material::Dielectric { eta, reflectance: Rgb::WHITE, transmittance: Rgb::WHITE }, false)
+    }
+
+    pub fn add(&mut self, surface: SurfaceSource, material: MaterialId, emission: f64) {
+        let id = format!("shape{}", self.source.shapes.len());
+        self.source.shapes.push(ShapeSource { id, surface, material, emission: Rgb::grey(emission) });
+    }
+
+    /// A quadrilateral by a corner and two edges; its normal is `e1 x e2`.
+    pub fn quad(&mut self, corner: DVec3, e1: DVec3, e2: DVec3, material: MaterialId, emission: f64) {
+        let matrix = glam::DMat3::from_cols(0.5 * e1, 0.5 * e2, e1.cross(e2).normalize());
+        let to_world = DAffine3 { matrix3: matrix, translation: corner + 0.5 * e1 + 0.5 * e2 };
+        self.add(SurfaceSource::Triangles(tessellate::rectangle(&to_world)), material, emission);
+    }
+
+    /// The box between two corners, seen from inside; each wall its own shape in the order -x, +x, -y, +y, -z, +z.
+    pub fn walls(&mut self, low: DVec3, high: DVec3, materials: [MaterialId; 6], emission: [f64; 6]) {
+        let d = high - low;
+        let (x, y, z) = (DVec3::X * d.x, DVec3::Y * d.y, DVec3::Z * d.z);
+        let faces = [
+            (low, y, z),
+            (low + x, z, y),
+            (low, z, x),
+            (low + y, x, z),
+            (low, x, y),
+            (low + z, y, x),
+        ];
+        for (i, (corner, e1, e2)) in faces.into_iter().enumerate() {
+            self.quad(corner, e1, e2, materials[i], emission[i]);
+        }
+    }
+
+    pub fn sphere(&mut self, center: DVec3, radius: f64, material: MaterialId, emission: f64) {
+        self.add(SurfaceSource::Sphere { center, radius }, material, emission);
+    }
+
+    pub fn point_light(&mut self, position: DVec3, intensity: f64) {
+        self.source.point_lights.push((position, Rgb::grey(intensity)));
+    }
+
+    pub fn scene(&self) -> Scene {
+        Scene::new(self.source.clone()).expect("a test scene is valid")
+    }
+}
+
+/// A closed cube of side 2 around the origin whose walls all emit radiance 1 and reflect `rho`.
+pub fn furnace(rho: f64) -> Room {
+    let mut room = Room::new(DVec3::new(0.2, 0.1, -0.7), DVec3::new(0.0, -0.1, 1.0), 16);
+    let grey = room.grey(rho);
+    room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [grey; 6], [1.0; 6]);
+    room
+}
+
+/// Settings of a quick render: `spp` samples and large patches of the given size.
+pub fn quick(spp: u32, patch_size: f64) -> RenderSettings {
+    let mut settings = RenderSettings { budget: Budget { spp: Some(spp), ..Budget::default() }, ..RenderSettings::default() };
+    settings.pass_one.patches.patch_size = Some(patch_size);
+    settings
+}
+
+/// Renders without anybody watching.
+pub fn run(scene: Scene, settings: &RenderSettings) -> Rendered {
+    render(scene, settings, &Clocks::start(cpu_seconds), &mut silent, &mut |_| {}).expect("renders")
+}
