@@ -1,9 +1,17 @@
 //! The film (f64 sums) and the image (f32 pixels), and their files.
 
+mod atomic;
+mod exr_in;
+mod exr_out;
 pub mod image;
 pub mod io;
+pub mod layer;
+mod mask;
+pub mod tone_map;
 
 pub use image::Image;
+pub use layer::{Layer, LayerData, Plane};
+pub use mask::Mask;
 
 use crate::math::Rgb;
 
