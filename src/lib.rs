@@ -23,5 +23,6 @@ pub mod geometry;
 pub mod light;
 pub mod material;
 pub mod math;
+pub mod metrics;
 pub mod progress;
 pub mod scene;
