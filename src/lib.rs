@@ -25,6 +25,7 @@ pub mod integrator;
 pub mod light;
 pub mod material;
 pub mod math;
+pub mod metrics;
 pub mod patch;
 pub mod pipeline;
 pub mod progress;

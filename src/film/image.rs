@@ -50,6 +50,12 @@ impl Image {
 }
 
 impl Image {
+    /// One channel as a plane.
+    pub fn channel(&self, index: usize) -> super::layer::Plane {
+        let values = self.pixels.iter().map(|p| p[index]).collect();
+        super::layer::Plane::from_values(self.width, self.height, values)
+    }
+
     /// Mean over the square of side `2 radius + 1` around each pixel, cut off at the border.
     pub fn box_filtered(&self, radius: usize) -> Image {
         let rows = |get: &dyn Fn(usize, usize) -> [f64; 3], n: usize, i: usize, k: usize| {

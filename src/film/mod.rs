@@ -1,15 +1,23 @@
 //! The film (f64 sums) and the image (f32 pixels), and their files.
 
+mod atomic;
+mod exr_in;
+mod exr_out;
 pub mod image;
 pub mod io;
+pub mod layer;
+mod mask;
+pub mod tone_map;
 
 pub use image::Image;
+pub use layer::{Layer, LayerData, Plane};
+pub use mask::Mask;
 
 use crate::math::Rgb;
 
 /// What a picture is recorded in, besides the radiance itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layer {
+pub enum Quantity {
     /// Light that has met no diffuse surface but the one seen, found by shadow rays, and light seen at once.
     Direct,
     /// Light reflected by another diffuse surface before.
@@ -28,30 +36,30 @@ pub enum Layer {
     Irradiance,
 }
 
-impl Layer {
+impl Quantity {
     /// All layers in the order of [`PixelSample::layers`].
-    pub const ALL: [Layer; 8] = [
-        Layer::Direct,
-        Layer::Indirect,
-        Layer::Caustic,
-        Layer::Albedo,
-        Layer::Normal,
-        Layer::Depth,
-        Layer::Radiosity,
-        Layer::Irradiance,
+    pub const ALL: [Quantity; 8] = [
+        Quantity::Direct,
+        Quantity::Indirect,
+        Quantity::Caustic,
+        Quantity::Albedo,
+        Quantity::Normal,
+        Quantity::Depth,
+        Quantity::Radiosity,
+        Quantity::Irradiance,
     ];
 
     /// Name in the EXR file.
     pub fn name(self) -> &'static str {
         match self {
-            Layer::Direct => "direct",
-            Layer::Indirect => "indirect",
-            Layer::Caustic => "caustic",
-            Layer::Albedo => "albedo",
-            Layer::Normal => "normal",
-            Layer::Depth => "depth",
-            Layer::Radiosity => "radiosity",
-            Layer::Irradiance => "irradiance",
+            Quantity::Direct => "direct",
+            Quantity::Indirect => "indirect",
+            Quantity::Caustic => "caustic",
+            Quantity::Albedo => "albedo",
+            Quantity::Normal => "normal",
+            Quantity::Depth => "depth",
+            Quantity::Radiosity => "radiosity",
+            Quantity::Irradiance => "irradiance",
         }
     }
 }
@@ -60,21 +68,21 @@ impl Layer {
 /// indirect and caustic.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PixelSample {
-    /// One value per layer, in the order of [`Layer::ALL`].
-    pub layers: [Rgb; Layer::ALL.len()],
+    /// One value per layer, in the order of [`Quantity::ALL`].
+    pub layers: [Rgb; Quantity::ALL.len()],
 }
 
 impl PixelSample {
-    /// The value of one layer, to be changed.
+    /// The value of one quantity, to be changed.
     #[inline]
-    pub fn layer(&mut self, layer: Layer) -> &mut Rgb {
+    pub fn layer(&mut self, layer: Quantity) -> &mut Rgb {
         &mut self.layers[layer as usize]
     }
 
     /// Radiance [W/(m² sr)].
     #[inline]
     pub fn radiance(&self) -> Rgb {
-        self.layers[Layer::Direct as usize] + self.layers[Layer::Indirect as usize] + self.layers[Layer::Caustic as usize]
+        self.layers[Quantity::Direct as usize] + self.layers[Quantity::Indirect as usize] + self.layers[Quantity::Caustic as usize]
     }
 }
 
@@ -84,7 +92,7 @@ pub struct Film {
     width: usize,
     height: usize,
     halves: [Vec<Rgb>; 2],
-    layers: Vec<[Rgb; Layer::ALL.len()]>,
+    layers: Vec<[Rgb; Quantity::ALL.len()]>,
     passes: [u32; 2],
     non_finite: u64,
     first_non_finite: Option<usize>,
@@ -98,7 +106,7 @@ impl Film {
             width,
             height,
             halves: [vec![Rgb::BLACK; n], vec![Rgb::BLACK; n]],
-            layers: vec![[Rgb::BLACK; Layer::ALL.len()]; n],
+            layers: vec![[Rgb::BLACK; Quantity::ALL.len()]; n],
             passes: [0; 2],
             non_finite: 0,
             first_non_finite: None,
@@ -151,8 +159,8 @@ impl Film {
         self.from_pixels(|i| (self.halves[0][i] + self.halves[1][i]) / n)
     }
 
-    /// Mean of one layer.
-    pub fn layer_image(&self, layer: Layer) -> Image {
+    /// Mean of one quantity.
+    pub fn quantity_image(&self, layer: Quantity) -> Image {
         let n = f64::from(self.n_passes().max(1));
         self.from_pixels(|i| self.layers[i][layer as usize] / n)
     }
@@ -196,7 +204,7 @@ mod tests {
 
     fn sample(value: f64) -> PixelSample {
         let mut sample = PixelSample::default();
-        *sample.layer(Layer::Indirect) = Rgb::grey(value);
+        *sample.layer(Quantity::Indirect) = Rgb::grey(value);
         sample
     }
 
@@ -209,7 +217,7 @@ mod tests {
         assert_eq!(film.image().at(0, 0), [2.5; 3]);
         // Halves (1+2)/2 and (3+4)/2: a quarter of the squared difference 2.
         assert_eq!(film.variance_image().at(0, 0), [1.0; 3]);
-        assert_eq!(film.layer_image(Layer::Indirect).at(0, 0), [2.5; 3]);
+        assert_eq!(film.quantity_image(Quantity::Indirect).at(0, 0), [2.5; 3]);
     }
 
     #[test]

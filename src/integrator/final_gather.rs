@@ -5,7 +5,7 @@
 //! goes.
 
 use super::{TwoPass, whitted::Trace};
-use crate::film::Layer;
+use crate::film::Quantity;
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
 use crate::world::SurfaceInteraction;
@@ -32,8 +32,8 @@ impl TwoPass<'_> {
             caustic += b;
         }
         let share = weight_rho / f64::from(rays);
-        *trace.sample.layer(Layer::Indirect) += share * indirect;
-        *trace.sample.layer(Layer::Caustic) += share * caustic;
+        *trace.sample.layer(Quantity::Indirect) += share * indirect;
+        *trace.sample.layer(Quantity::Caustic) += share * caustic;
     }
 
     /// Radiance along one gather ray: reflected by patches, and emitted.
@@ -87,7 +87,7 @@ impl TwoPass<'_> {
         for index in 0..samples {
             let mut trace = Trace::new(Sampler::new(self.settings.seed, key, index), key, index, &mut counts);
             self.radiance(ray, Rgb::WHITE, 0, &mut trace);
-            let straight = *trace.sample.layer(Layer::Direct);
+            let straight = *trace.sample.layer(Quantity::Direct);
             direct += straight;
             rest += trace.sample.radiance() - straight;
         }

@@ -1,7 +1,7 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
 use super::{Frame, Integrator, ReadOut, TwoPass};
-use crate::film::{Layer, PixelSample};
+use crate::film::{Quantity, PixelSample};
 use crate::geometry::Ray;
 use crate::math::{Rgb, Sampler, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
@@ -84,16 +84,16 @@ impl TwoPass<'_> {
             return;
         }
         let Some(si) = self.world.intersect(ray) else {
-            *trace.sample.layer(Layer::Direct) += weight * self.world.scene().environment;
+            *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().environment;
             return;
         };
         let shape = &self.world.scene().shapes[si.shape as usize];
         if depth == 0 {
-            *trace.sample.layer(Layer::Depth) += Rgb::grey(f64::from(si.t));
-            *trace.sample.layer(Layer::Normal) += Rgb::from(si.ns.to_array());
+            *trace.sample.layer(Quantity::Depth) += Rgb::grey(f64::from(si.t));
+            *trace.sample.layer(Quantity::Normal) += Rgb::from(si.ns.to_array());
         }
         if si.front {
-            *trace.sample.layer(Layer::Direct) += weight * shape.emission;
+            *trace.sample.layer(Quantity::Direct) += weight * shape.emission;
         }
         let surface = self.world.scene().material_of(shape);
         if surface.material.has_diffuse() {
@@ -108,16 +108,16 @@ impl TwoPass<'_> {
 
     /// I_local: what a diffuse surface reflects, by the chosen read-out of pass one.
     fn diffuse(&self, si: &SurfaceInteraction, rho: Rgb, weight: Rgb, depth: u32, trace: &mut Trace<'_>) {
-        *trace.sample.layer(Layer::Albedo) += weight * rho;
+        *trace.sample.layer(Quantity::Albedo) += weight * rho;
         let limit = self.depth_limit();
         let weight_rho = weight * rho;
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(weight_rho, h);
         if let Some(field) = self.field {
             let stored = field.irradiance(si);
-            *trace.sample.layer(Layer::Radiosity) += reflect(stored);
-            *trace.sample.layer(Layer::Irradiance) += stored;
+            *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
+            *trace.sample.layer(Quantity::Irradiance) += stored;
             if self.settings.read_out == ReadOut::Stored && depth + 2 <= limit {
-                *trace.sample.layer(Layer::Indirect) += reflect(stored);
+                *trace.sample.layer(Quantity::Indirect) += reflect(stored);
                 return;
             }
         }
@@ -125,10 +125,10 @@ impl TwoPass<'_> {
             return;
         }
         let direct = self.world.direct_irradiance(si, self.settings.direct, &mut trace.sampler, trace.counts);
-        *trace.sample.layer(Layer::Direct) += reflect(direct);
+        *trace.sample.layer(Quantity::Direct) += reflect(direct);
         match (self.settings.read_out, self.field) {
             (ReadOut::FinalGather, _) => self.gather(si, weight_rho, depth, trace),
-            (_, Some(field)) => *trace.sample.layer(Layer::Indirect) += reflect(field.rest_irradiance(si)),
+            (_, Some(field)) => *trace.sample.layer(Quantity::Indirect) += reflect(field.rest_irradiance(si)),
             (_, None) => {}
         }
     }

@@ -8,7 +8,8 @@ pub use cost::{StageCost, cpu_seconds};
 pub use pass_one::{PassOne, PassOneSettings};
 
 use crate::accel::{AccelError, AccelKind};
-use crate::film::{Film, Image, Layer};
+use crate::film::layer::Layer;
+use crate::film::{Film, Quantity};
 use crate::integrator::drive::{Budget, Clocks, Driven, drive};
 use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut, TwoPass};
 use crate::patch::PatchError;
@@ -105,10 +106,16 @@ pub struct Rendered {
 }
 
 impl Rendered {
-    /// All layers of the EXR file by name, the variance of the picture included.
-    pub fn layers(&self) -> Vec<(&'static str, Image)> {
-        let mut layers: Vec<_> = Layer::ALL.into_iter().map(|l| (l.name(), self.film.layer_image(l))).collect();
-        layers.push(("variance", self.film.variance_image()));
+    /// All layers of the EXR file: the picture itself, its parts, and what was seen.
+    pub fn layers(&self) -> Vec<Layer> {
+        let film = &self.film;
+        let mut layers = vec![Layer::main(film.image())];
+        layers.extend(Quantity::ALL.into_iter().map(|q| match q {
+            Quantity::Normal => Layer::xyz(q.name(), film.quantity_image(q)),
+            Quantity::Depth => Layer::z(q.name(), film.quantity_image(q).channel(0)),
+            _ => Layer::rgb(q.name(), film.quantity_image(q)),
+        }));
+        layers.push(Layer::rgb("variance", film.variance_image()));
         layers
     }
 }
