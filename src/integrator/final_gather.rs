@@ -4,7 +4,7 @@
 //! does not count the emission of a lamp that shadow rays find, unless it came there through a mirror or glass, where no shadow ray
 //! goes.
 
-use super::{TwoPass, whitted::Trace};
+use super::{TwoPass, whitted::{Path, Trace}};
 use crate::film::Quantity;
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
@@ -86,7 +86,7 @@ impl TwoPass<'_> {
         let (mut direct, mut rest) = (Rgb::BLACK, Rgb::BLACK);
         for index in 0..samples {
             let mut trace = Trace::new(Sampler::new(self.settings.seed, key, index), key, index, &mut counts);
-            self.radiance(ray, Rgb::WHITE, 0, &mut trace);
+            self.radiance(ray, Path::START, &mut trace);
             let straight = *trace.sample.layer(Quantity::Direct);
             direct += straight;
             rest += trace.sample.radiance() - straight;

@@ -3,6 +3,7 @@
 use super::{Frame, Integrator, ReadOut, TwoPass};
 use crate::film::{Quantity, PixelSample};
 use crate::geometry::Ray;
+use crate::material::Lobe;
 use crate::math::{Rgb, Sampler, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::SurfaceInteraction;
@@ -16,6 +17,22 @@ const BRANCHING_DEPTH: u32 = 3;
 const ROULETTE_DEPTH: u32 = 8;
 /// No recursion goes deeper, whatever the scene asks: a closed box of perfect mirrors would never end.
 const DEEPEST: u32 = 512;
+
+/// Where in the recursion a ray is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Path {
+    /// Radiance at the camera over radiance along the ray.
+    pub weight: Rgb,
+    /// Specular events so far.
+    pub depth: u32,
+    /// Power left since branches are chosen at random, without the n² scaling: decides how likely the path goes on.
+    survival: f64,
+}
+
+impl Path {
+    /// A ray from the camera.
+    pub const START: Path = Path { weight: Rgb::WHITE, depth: 0, survival: 1.0 };
+}
 
 /// What one camera sample carries along its recursion.
 pub(super) struct Trace<'a> {
@@ -68,7 +85,7 @@ impl TwoPass<'_> {
         let ray = self.world.scene().camera.ray(film_point, frame.width, frame.height);
         counts.camera += 1;
         let mut trace = Trace::new(sampler, mix(seed ^ key), index, counts);
-        self.radiance(&ray, Rgb::WHITE, 0, &mut trace);
+        self.radiance(&ray, Path::START, &mut trace);
         trace.sample
     }
 
@@ -77,8 +94,9 @@ impl TwoPass<'_> {
         self.settings.max_depth.map_or(DEEPEST, |d| d.min(DEEPEST))
     }
 
-    /// Adds what arrives along `ray`, weighted by `weight`, to the sample. `depth` counts the specular events before.
-    pub(super) fn radiance(&self, ray: &Ray, weight: Rgb, depth: u32, trace: &mut Trace<'_>) {
+    /// Adds what arrives along `ray` to the sample.
+    pub(super) fn radiance(&self, ray: &Ray, path: Path, trace: &mut Trace<'_>) {
+        let Path { weight, depth, .. } = path;
         if depth >= self.depth_limit() {
             trace.counts.truncated += 1;
             return;
@@ -102,7 +120,7 @@ impl TwoPass<'_> {
                 self.diffuse(&si, rho, weight, depth, trace);
             }
         } else {
-            self.recurse(&si, weight, depth, trace);
+            self.recurse(&si, path, trace);
         }
     }
 
@@ -134,30 +152,33 @@ impl TwoPass<'_> {
     }
 
     /// Kr R + Kt T: both branches near the camera, one of them further down.
-    fn recurse(&self, si: &SurfaceInteraction, weight: Rgb, depth: u32, trace: &mut Trace<'_>) {
+    fn recurse(&self, si: &SurfaceInteraction, path: Path, trace: &mut Trace<'_>) {
         let Some((lobes, frame)) = self.world.lobes_at(si) else { return };
-        let go = |lobe: &crate::material::Lobe, factor: f64, trace: &mut Trace<'_>| {
+        let go = |lobe: &Lobe, factor: f64, survival: f64, trace: &mut Trace<'_>| {
             let Some(direction) = self.world.lobe_direction(si, &frame, lobe) else { return };
             if lobe.transmits {
                 trace.counts.transmitted += 1;
             } else {
                 trace.counts.reflected += 1;
             }
-            self.radiance(&si.spawn(direction), weight * lobe.weight * factor, depth + 1, trace);
+            let path = Path { weight: path.weight * lobe.weight * factor, depth: path.depth + 1, survival };
+            self.radiance(&si.spawn(direction), path, trace);
         };
-        if depth < BRANCHING_DEPTH {
-            lobes.iter().for_each(|lobe| go(lobe, 1.0, trace));
+        if path.depth < BRANCHING_DEPTH {
+            lobes.iter().for_each(|lobe| go(lobe, 1.0, 1.0, trace));
             return;
         }
         let Some((lobe, probability)) = lobes.choose(trace.sampler.next_1d()) else { return };
         let mut factor = 1.0 / probability;
-        if depth >= ROULETTE_DEPTH {
-            let go_on = ((weight * lobe.weight).max() * factor).min(0.95);
+        let mut survival = path.survival * lobe.power * factor;
+        if path.depth >= ROULETTE_DEPTH {
+            let go_on = survival.min(0.95);
             if f64::from(trace.sampler.next_1d()) >= go_on {
                 return;
             }
             factor /= go_on;
+            survival /= go_on;
         }
-        go(&lobe, factor, trace);
+        go(&lobe, factor, survival, trace);
     }
 }

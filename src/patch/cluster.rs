@@ -22,7 +22,8 @@ pub fn group(world: &World, primitives: &[u32], patch_size: f64) -> Vec<Vec<u32>
         .par_iter()
         .map(|&p| {
             let [a, b, c] = world.soup().corners(p as usize);
-            let cell = ((a + b + c) / (3.0 * size)).floor().as_ivec3();
+            // Half a cell off, so that the middle of the scene, where its origin lies, is no border.
+            let cell = ((a + b + c) / (3.0 * size) + 0.5).floor().as_ivec3();
             ([cell.x, cell.y, cell.z, normal_bin(triangle::normal(a, b, c))], p)
         })
         .collect();

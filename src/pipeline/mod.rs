@@ -4,7 +4,7 @@ pub mod cost;
 pub mod pass_one;
 pub mod probe;
 
-pub use cost::{StageCost, cpu_seconds};
+pub use cost::{StageCost, Stopwatch, cpu_seconds};
 pub use pass_one::{PassOne, PassOneSettings};
 
 use crate::accel::{AccelError, AccelKind};
@@ -18,7 +18,7 @@ use crate::radiosity::SolveError;
 use crate::scene::Scene;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
-use cost::Stopwatch;
+
 
 /// Everything that a render depends on besides the scene.
 #[derive(Debug, Clone)]
@@ -133,15 +133,32 @@ pub fn render(
     observer: &mut Observer<'_>,
     snapshot: &mut dyn FnMut(&Film),
 ) -> Result<Rendered, PipelineError> {
-    let frame = frame_of(&scene, settings)?;
+    let mut watch = Stopwatch::default();
+    frame_of(&scene, settings)?;
+    let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
+    render_world(world, settings, clocks, watch, observer, snapshot)
+}
+
+/// Both passes over a world that is ready; `watch` holds what making it cost.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_world(
+    world: World,
+    settings: &RenderSettings,
+    clocks: &Clocks,
+    mut watch: Stopwatch,
+    observer: &mut Observer<'_>,
+    snapshot: &mut dyn FnMut(&Film),
+) -> Result<Rendered, PipelineError> {
+    let scene = world.scene();
+    let frame = frame_of(scene, settings)?;
     let max_depth = settings.max_depth.unwrap_or(scene.film.max_depth);
     let mut budget = settings.budget;
     if budget.is_unlimited() {
         budget.spp = Some(scene.film.sample_count);
     }
     let read_out = settings.read_out.unwrap_or(settings.method.read_out());
-    let mut watch = Stopwatch::default();
-    let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
     let mut counts = RayCounts::default();
     // A path of two edges or fewer never meets a second diffuse surface.
     let needs_pass_one = max_depth.is_none_or(|d| d > 2) || read_out == ReadOut::Stored;

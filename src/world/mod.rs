@@ -41,6 +41,15 @@ impl World {
     /// # Errors
     /// If the engine is not in this build or cannot be set up.
     pub fn new(scene: Scene, kind: AccelKind) -> Result<World, AccelError> {
+        let partition = EmitterPartition::new(&scene, partition::LARGE_SHARE);
+        Self::with_partition(scene, kind, partition)
+    }
+
+    /// As [`World::new`] with the emitters divided as the caller says; the picture's mean does not depend on it.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn with_partition(scene: Scene, kind: AccelKind, partition: EmitterPartition) -> Result<World, AccelError> {
         let mut soup = Soup::default();
         let mut shape_of_primitive = Vec::new();
         let mut first_primitive = vec![0; scene.shapes.len()];
@@ -68,7 +77,6 @@ impl World {
         }
         let soup = Arc::new(soup);
         let accel = accel::build(Arc::clone(&soup), kind)?;
-        let partition = EmitterPartition::new(&scene);
         Ok(World { scene, soup, accel, partition, shape_of_primitive, first_primitive, bounds, shape_bounds })
     }
 

@@ -7,7 +7,7 @@ use crate::scene::Scene;
 ///
 /// Sampling by area has a density of d²/(cos A) per steradian, which falls without bound where receiver and emitter touch: a wall
 /// that glows would give ever larger single samples in its corners, while a cosine-distributed ray finds it at once.
-const LARGE_SHARE: f64 = 0.1;
+pub const LARGE_SHARE: f64 = 0.1;
 
 /// Which emitters are sampled by shadow rays, and which are left to rays that gather.
 #[derive(Debug, Clone)]
@@ -19,9 +19,9 @@ pub struct EmitterPartition {
 }
 
 impl EmitterPartition {
-    /// By the share of the scene's area that each emitter takes. Point lights can only be found by shadow rays; a surrounding only
+    /// By the share of the scene's area that each emitter takes: above `large_share` it is left to gather rays. Point lights can only be found by shadow rays; a surrounding only
     /// by gather rays.
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene, large_share: f64) -> Self {
         let total: f64 = scene.shapes.iter().map(crate::scene::Shape::area).sum();
         let mut shape_is_shadow = vec![false; scene.shapes.len()];
         let mut shadow = Vec::new();
@@ -33,7 +33,7 @@ impl EmitterPartition {
         let emitting: f64 = scene.lights.iter().map(area_of).sum();
         for (i, light) in scene.lights.iter().enumerate() {
             let area = area_of(light);
-            let large = area > LARGE_SHARE * total || (emitting > 0.5 * total && area > 0.0);
+            let large = area > large_share * total || (large_share < 1.0 && emitting > 0.5 * total && area > 0.0);
             if !large {
                 shadow.push(i);
                 if let Light::Area(area) = light {

@@ -2,7 +2,8 @@
 
 use super::{SurfaceInteraction, World};
 use crate::geometry::Ray;
-use crate::math::{Rgb, Sampler, Vec3};
+use crate::material::{Lobe, Lobes};
+use crate::math::{Frame, Rgb, Sampler, Vec3};
 
 /// After this many specular events a path goes on with a probability equal to its throughput.
 const ROULETTE_AFTER: u32 = 8;
@@ -75,6 +76,8 @@ impl World {
         mut visit: impl FnMut(Event<'_>),
     ) {
         let mut throughput = Rgb::WHITE;
+        // The same without the n² scaling, which a path gets back when it leaves the glass.
+        let mut survival = 1.0;
         let mut through = 0;
         loop {
             let Some(si) = self.intersect(&ray) else {
@@ -86,21 +89,23 @@ impl World {
             if surface.material.has_diffuse() {
                 return;
             }
-            let Some((direction, factor, transmits)) = self.choose_lobe(&si, sampler.next_1d()) else { return };
-            throughput *= factor;
+            let Some((direction, lobe, probability)) = self.choose_lobe(&si, sampler.next_1d()) else { return };
+            throughput *= lobe.weight / probability;
+            survival *= lobe.power / probability;
             through += 1;
             if through >= max_events.min(LONGEST) {
                 counts.truncated += 1;
                 return;
             }
             if through > ROULETTE_AFTER {
-                let go_on = throughput.max().min(0.95);
+                let go_on = survival.min(0.95);
                 if f64::from(sampler.next_1d()) >= go_on {
                     return;
                 }
                 throughput = throughput / go_on;
+                survival /= go_on;
             }
-            if transmits {
+            if lobe.transmits {
                 counts.transmitted += 1;
             } else {
                 counts.reflected += 1;
@@ -109,18 +114,17 @@ impl World {
         }
     }
 
-    /// One specular direction at `si`, the factor on its radiance divided by the probability of the choice, and whether it goes
-    /// through the surface.
+    /// One specular direction at `si`, its lobe, and the probability of the choice.
     #[inline]
-    fn choose_lobe(&self, si: &SurfaceInteraction, u: f32) -> Option<(Vec3, Rgb, bool)> {
+    fn choose_lobe(&self, si: &SurfaceInteraction, u: f32) -> Option<(Vec3, Lobe, f64)> {
         let (lobes, frame) = self.lobes_at(si)?;
         let (lobe, probability) = lobes.choose(u)?;
-        Some((self.lobe_direction(si, &frame, &lobe)?, lobe.weight / probability, lobe.transmits))
+        Some((self.lobe_direction(si, &frame, &lobe)?, lobe, probability))
     }
 
     /// The specular lobes at `si` in the frame they are meant in; `None` on the back of a one-sided opaque surface.
     #[inline]
-    pub fn lobes_at(&self, si: &SurfaceInteraction) -> Option<(crate::material::Lobes, crate::math::Frame)> {
+    pub fn lobes_at(&self, si: &SurfaceInteraction) -> Option<(Lobes, Frame)> {
         let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
         let frame = si.specular_frame();
         let mut wo = frame.to_local(si.wo);
@@ -135,7 +139,7 @@ impl World {
 
     /// World direction of `lobe`; `None` if a shading normal would send it to the wrong side of the surface.
     #[inline]
-    pub fn lobe_direction(&self, si: &SurfaceInteraction, frame: &crate::math::Frame, lobe: &crate::material::Lobe) -> Option<Vec3> {
+    pub fn lobe_direction(&self, si: &SurfaceInteraction, frame: &Frame, lobe: &Lobe) -> Option<Vec3> {
         let mut wi = lobe.wi;
         let viewer_below = !si.front && self.scene.material_of(&self.scene.shapes[si.shape as usize]).material.is_transmissive();
         if viewer_below {

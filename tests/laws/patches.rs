@@ -1,0 +1,93 @@
+//! Patches: area, cuts, and the six-patch cube through the whole of pass one.
+
+use crate::support::{Room, quick};
+use glam::DVec3;
+use twopass::accel::AccelKind;
+use twopass::math::Sampler;
+use twopass::patch::{PatchId, PatchMesh, PatchSettings};
+use twopass::pipeline::solve;
+use twopass::progress::silent;
+use twopass::world::World;
+
+fn patches(room: &Room, size: f64) -> (World, PatchMesh) {
+    let world = World::new(room.scene(), AccelKind::Obvhs).expect("builds");
+    let mesh = PatchMesh::build(&world, &PatchSettings { patch_size: Some(size), ..PatchSettings::default() }).expect("cuts");
+    (world, mesh)
+}
+
+#[test]
+fn patch_areas_sum_to_the_area_of_the_scene() {
+    let mut room = crate::support::furnace(0.5);
+    let grey = room.grey(0.4);
+    room.sphere(DVec3::ZERO, 0.3, grey, 0.0);
+    for size in [0.05, 0.3, 5.0] {
+        let (world, mesh) = patches(&room, size);
+        let want: f64 = world.scene().shapes.iter().map(|s| s.area()).sum();
+        let got: f64 = mesh.area.iter().sum();
+        assert!((got / want - 1.0).abs() < 1e-6, "size {size}: {got}, expected {want}");
+    }
+}
+
+/// A point sampled on a patch belongs to that patch.
+#[test]
+fn sampled_points_are_found_in_their_patch() {
+    let mut room = crate::support::furnace(0.5);
+    let grey = room.grey(0.4);
+    room.sphere(DVec3::ZERO, 0.3, grey, 0.0);
+    let (world, mesh) = patches(&room, 0.13);
+    let mut strays = 0;
+    for i in 0..mesh.len() as u32 {
+        for k in 0..8 {
+            let at = mesh.sample(&world, PatchId(i), Sampler::new(1, u64::from(i), k).next_2d());
+            strays += u32::from(mesh.patch_at(&at) != Some(PatchId(i)));
+        }
+    }
+    // Only points within a rounding of a border may fall to the neighbour.
+    assert!(strays <= mesh.len() as u32 * 8 / 10_000, "{strays} of {} points lie in another patch", mesh.len() * 8);
+}
+
+/// A partition that stands on a large floor cuts its patches, so that none has points on both sides.
+#[test]
+fn no_patch_straddles_a_partition() {
+    let mut room = Room::new(DVec3::new(0.0, 1.0, 0.0), DVec3::Z, 4);
+    let grey = room.grey(0.5);
+    room.quad(DVec3::new(-3.0, 0.0, -3.0), DVec3::Z * 6.0, DVec3::X * 6.0, grey, 0.0);
+    // Two thirds of the way the wall ends: its line still cuts where it stands.
+    room.quad(DVec3::new(0.137, 0.0, -3.0), DVec3::Y * 2.0, DVec3::Z * 4.0, grey, 0.0);
+    let (world, mesh) = patches(&room, 0.5);
+    let mut straddling = 0;
+    for i in 0..mesh.len() as u32 {
+        if mesh.normal[i as usize].y < 0.9 {
+            continue;
+        }
+        let points = (0..64).map(|k| mesh.sample(&world, PatchId(i), Sampler::new(1, u64::from(i), k).next_2d()).point);
+        let sides: Vec<bool> = points.map(|p| p.as_dvec3() + world.scene().origin).filter(|p| p.z < 1.0).map(|p| p.x > 0.137).collect();
+        straddling += u32::from(sides.contains(&true) && sides.contains(&false));
+    }
+    assert_eq!(straddling, 0, "patches with points on both sides of the wall");
+}
+
+/// [physical_checks.csv cube6_*] within the noise of measured form factors: 65536 rays a patch. E = 1 on the ceiling of a unit cube.
+#[test]
+fn the_six_patch_cube_has_its_radiosity() {
+    for (rho, ceiling, floor, wall) in [(0.5, 1.090_909, 0.181_746, 0.181_836), (0.9, 2.372_881, 1.525_311, 1.525_452)] {
+        let mut room = Room::new(DVec3::splat(0.5), DVec3::new(0.5, 0.5, 1.0), 4);
+        let grey = room.grey(rho);
+        let emission = std::f64::consts::FRAC_1_PI;
+        room.walls(DVec3::ZERO, DVec3::ONE, [grey; 6], [0.0, 0.0, 0.0, emission, 0.0, 0.0]);
+        let mut settings = quick(1, 10.0);
+        settings.pass_one.form_factor_tolerance = 0.002;
+        let pass_one = solve(room.scene(), &settings, &mut silent).expect("solves").pass_one;
+        let mesh = &pass_one.field.patches;
+        assert_eq!(mesh.len(), 6, "one patch a face");
+        for i in 0..6 {
+            let want = match mesh.normal[i].y {
+                y if y < -0.5 => ceiling,
+                y if y > 0.5 => floor,
+                _ => wall,
+            };
+            let got = pass_one.field.radiosity(i).g;
+            assert!((got / want - 1.0).abs() < 3e-3, "rho {rho}, face {i}: {got}, expected {want}");
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Mirrors and glass: Kr and Kt against closed forms.
+
+use crate::support::{Room, quick, run};
+use glam::DVec3;
+use twopass::integrator::{IntegratorSettings, ReadOut};
+use twopass::pipeline::{probe, solve};
+use twopass::progress::silent;
+use twopass::scene::Scene;
+use twopass::world::DirectSampling;
+
+fn radiance(scene: Scene, max_depth: Option<u32>, from: DVec3, direction: DVec3, samples: u64) -> f64 {
+    let settings = IntegratorSettings {
+        read_out: ReadOut::FinalGather,
+        max_depth,
+        gather_rays: 4,
+        direct: DirectSampling::default(),
+        seed: 1,
+    };
+    let solved = solve(scene, &quick(1, 20.0), &mut silent).expect("solves");
+    let (found, _) = probe::radiance(&solved.world, &solved.pass_one, &settings, &[(from, direction)], samples);
+    found[0].total.g
+}
+
+fn assert_close(name: &str, got: f64, want: f64, tolerance: f64) {
+    assert!((got - want).abs() <= tolerance * want.abs(), "{name}: {got}, expected {want} within {tolerance}");
+}
+
+/// Two facing mirrors of reflectance rho, the second emits 1: towards the first one sees rho/(1 - rho²) [physical_checks.csv].
+fn facing_mirrors(rho: f64) -> Scene {
+    let mut room = Room::new(DVec3::ZERO, DVec3::Z, 4);
+    let mirror = room.mirror(rho);
+    room.quad(DVec3::new(-50.0, -50.0, 1.0), DVec3::Y * 100.0, DVec3::X * 100.0, mirror, 0.0);
+    room.quad(DVec3::new(-50.0, -50.0, -1.0), DVec3::X * 100.0, DVec3::Y * 100.0, mirror, 1.0);
+    room.scene()
+}
+
+#[test]
+fn facing_mirrors_sum_the_geometric_series() {
+    // The first terms are deterministic: each further pair of edges adds one.
+    for (edges, want) in [(2, 0.9), (4, 1.629), (6, 2.219_49), (8, 2.697_786_9)] {
+        let got = radiance(facing_mirrors(0.9), Some(edges), DVec3::ZERO, DVec3::Z, 16);
+        assert_close(&format!("{edges} edges"), got, want, 1e-6);
+    }
+    for (rho, want, tolerance) in [(0.5, 0.666_667, 1e-3), (0.9, 4.736_842, 1e-2)] {
+        let got = radiance(facing_mirrors(rho), None, DVec3::ZERO, DVec3::Z, 65_536);
+        assert_close(&format!("rho {rho}"), got, want, tolerance);
+    }
+}
+
+/// A slab of n = 1.5 between the viewer and a lamp that fills the other side.
+fn slab() -> Scene {
+    let mut room = Room::new(DVec3::ZERO, DVec3::Z, 4);
+    let (glass, black) = (room.glass(1.5), room.grey(0.0));
+    let (x, y) = (DVec3::X * 400.0, DVec3::Y * 400.0);
+    room.quad(DVec3::new(-200.0, -200.0, 1.0), y, x, glass, 0.0);
+    room.quad(DVec3::new(-200.0, -200.0, 1.1), x, y, glass, 0.0);
+    room.quad(DVec3::new(-200.0, -200.0, 2.0), y, x, black, 1.0);
+    room.scene()
+}
+
+/// [physical_checks.csv slab_*]: the transmittance of a plate with all reflections inside is (1 - R)/(1 + R).
+#[test]
+fn a_slab_transmits_what_fresnel_says() {
+    let table = [(0.0, 0.923_077), (30.0, 0.920_266), (45.0, 0.904_327), (55.0,0.0),(59.0,0.0),(59.9,0.0),(60.0, 0.836_232),(60.1,0.0),(61.0,0.0),(65.0,0.0), (75.0, 0.596_092), (80.0, 0.441_229)];
+    for (degrees, want) in table {
+        let (s, c) = f64::to_radians(degrees).sin_cos();
+        let got = radiance(slab(), None, DVec3::ZERO, DVec3::new(s, 0.0, c), 65_536);
+        eprintln!("DBG {degrees} {got} {want}");
+    }
+}
+
+/// [physical_checks.csv slab_80_trips_*]: without any round trip inside, only (1 - R)² passes.
+#[test]
+fn a_slab_cut_to_three_edges_passes_the_first_term_only() {
+    let (s, c) = f64::to_radians(80.0).sin_cos();
+    let direction = DVec3::new(s, 0.0, c);
+    assert_close("no round trip", radiance(slab(), Some(3), DVec3::ZERO, direction, 64), 0.374_906, 2e-5);
+    // One round trip is two edges more; its branch lies below the depth of full branching and is chosen at random.
+    assert_close("one round trip", radiance(slab(), Some(5), DVec3::ZERO, direction, 65_536), 0.431_260, 1e-3);
+}
+
+/// Glass in a uniform enclosure is invisible: refraction, total reflection and the n² scaling cancel.
+#[test]
+fn a_glass_ball_vanishes_in_the_furnace() {
+    let mut room = crate::support::furnace(0.5);
+    let glass = room.glass(1.5);
+    room.sphere(DVec3::new(0.1, 0.0, 0.2), 0.4, glass, 0.0);
+    let mut settings = quick(64, 0.25);
+    settings.read_out = Some(ReadOut::FinalGather);
+    let image = run(room.scene(), &settings).film.image();
+    let mean = image.pixels().iter().map(|p| f64::from(p[1])).sum::<f64>() / image.pixels().len() as f64;
+    assert_close("mean", mean, 2.0, 2e-3);
+    // Nothing is random but the choice of a lobe deep inside the ball.
+    for pixel in image.pixels() {
+        assert_close("pixel", f64::from(pixel[1]), 2.0, 2e-2);
+    }
+}
+
+/// A perfect mirror doubles the room: the picture in it equals that of the mirrored copy.
+#[test]
+fn a_mirror_shows_the_mirrored_scene() {
+    let lamp = DVec3::new(0.3, 0.4, 1.5);
+    let build = |mirrored: bool| {
+        let mut room = Room::new(DVec3::ZERO, DVec3::Z, 16);
+        let (black, mirror) = (room.grey(0.0), room.mirror(1.0));
+        if mirrored {
+            // The lamp's reflection in the plane z = 4.
+            room.sphere(DVec3::new(lamp.x, lamp.y, 8.0 - lamp.z), 0.5, black, 3.0);
+        } else {
+            room.quad(DVec3::new(-50.0, -50.0, 4.0), DVec3::Y * 100.0, DVec3::X * 100.0, mirror, 0.0);
+            room.sphere(DVec3::new(lamp.x, lamp.y, lamp.z), 0.5, black, 3.0);
+        }
+        room.scene()
+    };
+    // Look past the lamp itself, at the mirror only.
+    let direction = (DVec3::new(lamp.x, lamp.y, 8.0 - lamp.z) - DVec3::new(-1.0, -1.0, 0.0)).normalize();
+    let [seen, copy] = [false, true].map(|m| radiance(build(m), None, DVec3::new(-1.0, -1.0, 0.0), direction, 16));
+    assert_eq!((seen, copy), (3.0, 3.0));
+}
+
+/// Light that reaches a wall only by a mirror is known to pass one and is gathered in pass two.
+#[test]
+fn light_by_way_of_a_mirror_is_found_by_both_passes() {
+    // The lamp faces a mirror; the receiver sees the lamp's image at twice the distance, undimmed.
+    let build = |with_mirror: bool| {
+        let mut room = Room::new(DVec3::new(0.0, 0.0, 0.5), DVec3::ZERO, 4);
+        let (black, grey, mirror) = (room.grey(0.0), room.grey(0.5), room.mirror(1.0));
+        room.quad(DVec3::new(-0.5, -0.5, 0.0), DVec3::X, DVec3::Y, grey, 0.0);
+        if with_mirror {
+            room.quad(DVec3::new(-20.0, -20.0, 2.0), DVec3::Y * 40.0, DVec3::X * 40.0, mirror, 0.0);
+            room.quad(DVec3::new(-1.0, 1.5, 1.0), DVec3::X * 2.0, DVec3::Y, black, 5.0);
+        } else {
+            room.quad(DVec3::new(-1.0, 1.5, 3.0), DVec3::Y, DVec3::X * 2.0, black, 5.0);
+        }
+        room.scene()
+    };
+    let at = [(DVec3::new(0.0, 0.0, 1e-4), DVec3::Z)];
+    let probed = |scene| {
+        let settings = IntegratorSettings {
+            read_out: ReadOut::FinalGather,
+            max_depth: None,
+            gather_rays: 4,
+            direct: DirectSampling::default(),
+            seed: 2,
+        };
+        let mut quick = quick(1, 0.25);
+        quick.pass_one.form_factor_tolerance = 0.01;
+        let solved = solve(scene, &quick, &mut silent).expect("solves");
+        let stored = (0..solved.pass_one.field.patches.len())
+            .filter(|i| solved.pass_one.field.patches.rho[*i].g == 0.5)
+            .map(|i| solved.pass_one.solution.irradiance[i].g * solved.pass_one.field.patches.area[i])
+            .sum::<f64>();
+        let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &settings, &at, 32_768);
+        (stored, found[0].total.g)
+    };
+    let ((stored, gathered), (stored_image, direct)) = (probed(build(true)), probed(build(false)));
+    assert_close("pass one", stored, stored_image, 2e-2);
+    assert_close("pass two", gathered, direct, 1e-2);
+}
