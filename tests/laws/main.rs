@@ -1,0 +1,3 @@
+//! Physical and geometric laws across modules.
+
+mod accel_conformance;
