@@ -1,6 +1,22 @@
 //! Nearest-hit and any-hit queries over a [`Soup`], by one of several engines.
+//!
+//! Every engine obeys the same rules, held by `tests/laws/accel_conformance.rs`:
+//! - both sides of a triangle count, and so do its edges and vertices;
+//! - of hits at equal t, the primitive with the lowest index is reported;
+//! - a ray that is not [valid](Ray::is_valid) hits nothing, and nothing behind a ray's origin is hit;
+//! - [`Accel::occluded`] agrees with [`Accel::intersect`].
+//!
+//! Coordinates may reach 1e15 in magnitude; beyond that the products of the f32 triangle test overflow and hits are lost.
 
-use crate::geometry::{Hit, Ray};
+mod brute_force;
+mod bvh;
+mod query;
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use crate::geometry::{Hit, Ray, Soup};
 
 /// What every acceleration structure answers. Nothing more: points, normals and uv are found again from (ray, primitive) by one
 /// routine of `world`, so that all engines give the same picture.
@@ -10,73 +26,116 @@ pub trait Accel: Send + Sync {
 
     /// True if anything lies in (`t_min`, `t_max`).
     fn occluded(&self, ray: &Ray) -> bool;
+
+    /// Memory that the engine holds beside the [`Soup`], in bytes.
+    fn memory_bytes(&self) -> usize;
 }
 
-use crate::geometry::{Soup, triangle::ShearedRay};
-use crate::math::{Vec3, Vec3A};
-use obvhs::{aabb::Aabb, bvh2::Bvh2, ploc};
-use std::sync::Arc;
-
-/// Engines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// The engines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum AccelKind {
-    /// obvhs tree.
+    /// Trees built by obvhs, traversed by this crate's kernel. Needs no system library.
     #[default]
     Obvhs,
-    /// Embree.
+    /// Intel Embree 3, robust mode (cargo feature `embree`).
     Embree,
-    /// Every primitive.
+    /// Every primitive for every ray, in f64: the oracle, and what a renderer without bounding volumes costs.
     BruteForce,
 }
 
-/// Why there is no engine.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum AccelError {
-    /// Not in this build.
-    #[error("{0} is not in this build")]
-    Missing(&'static str),
-}
+impl AccelKind {
+    /// All engines, also those that this build lacks.
+    pub const ALL: [AccelKind; 3] = [AccelKind::Obvhs, AccelKind::Embree, AccelKind::BruteForce];
 
-struct Tmp(Arc<Soup>, Bvh2);
-impl Accel for Tmp {
-    fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        if !ray.is_valid() {
-            return None;
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            AccelKind::Obvhs => "obvhs",
+            AccelKind::Embree => "embree",
+            AccelKind::BruteForce => "brute-force",
         }
-        let sheared = ShearedRay::new(ray);
-        let r = obvhs::ray::Ray::new(Vec3A::from(ray.origin), Vec3A::from(ray.direction), ray.t_min, ray.t_max);
-        let mut h = obvhs::ray::RayHit::none();
-        let mut best: Option<Hit> = None;
-        self.1.ray_traverse(r, &mut h, |_, id| {
-            let p = self.1.primitive_indices[id];
-            let t_max = best.map_or(ray.t_max, |b| b.t);
-            match self.0.intersect(p, ray, &sheared, t_max) {
-                Some(hit) => {
-                    best = Some(hit);
-                    hit.t
-                }
-                None => f32::INFINITY,
-            }
-        });
-        best
     }
-    fn occluded(&self, ray: &Ray) -> bool {
-        self.intersect(ray).is_some()
+
+    /// True if this build holds the engine.
+    pub fn is_available(self) -> bool {
+        self != AccelKind::Embree || cfg!(feature = "embree")
     }
 }
 
-/// Builds.
+impl fmt::Display for AccelKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for AccelKind {
+    type Err = AccelError;
+
+    fn from_str(name: &str) -> Result<Self, AccelError> {
+        let found = AccelKind::ALL.into_iter().find(|kind| kind.name() == name);
+        found.ok_or_else(|| AccelError::Unknown { name: name.to_owned() })
+    }
+}
+
+/// Why there is no engine.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum AccelError {
+    /// No engine has this name.
+    #[error("unknown acceleration structure \"{name}\": expected obvhs, embree or brute-force")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+    /// Asked for Embree in a build without it.
+    #[error(
+        "this build has no Embree: install Debian's libembree-dev (version 3) and build again with `cargo build --release \
+         --features embree`, or use `--accel obvhs`"
+    )]
+    EmbreeMissing,
+    /// More primitives than 32-bit indices can name.
+    #[error("{count} primitives, but at most {limit} are supported")]
+    TooManyPrimitives {
+        /// Number of primitives.
+        count: usize,
+        /// The bound.
+        limit: usize,
+    },
+}
+
+/// Builds the engine `kind` over `soup`.
 ///
 /// # Errors
-/// Never.
-pub fn build(soup: Arc<Soup>, _kind: AccelKind) -> Result<Box<dyn Accel>, AccelError> {
-    let aabbs: Vec<Aabb> = (0..soup.len() as u32)
-        .map(|i| {
-            let b = soup.bounds_of(i).expanded(1e-6);
-            Aabb::new(Vec3A::from(b.min - Vec3::splat(1e-7)), Vec3A::from(b.max))
-        })
-        .collect();
-    let idx: Vec<u32> = (0..soup.len() as u32).collect();
-    let bvh = ploc::PlocBuilder::with_capacity(aabbs.len()).build(ploc::PlocSearchDistance::Medium, &aabbs, idx, ploc::SortPrecision::U64, 0);
-    Ok(Box::new(Tmp(soup, bvh)))
+/// [`AccelError::EmbreeMissing`] in a build without the feature; [`AccelError::TooManyPrimitives`] beyond 2^27.
+pub fn build(soup: Arc<Soup>, kind: AccelKind) -> Result<Box<dyn Accel>, AccelError> {
+    // Packed leaves are named by 27 bits.
+    const LIMIT: usize = 1 << 27;
+    if soup.len() > LIMIT {
+        return Err(AccelError::TooManyPrimitives { count: soup.len(), limit: LIMIT });
+    }
+    match kind {
+        AccelKind::Obvhs => Ok(Box::new(bvh::Bvh::new(soup))),
+        AccelKind::BruteForce => Ok(Box::new(brute_force::BruteForce::new(soup))),
+        AccelKind::Embree => Err(AccelError::EmbreeMissing),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_round_trip_and_an_unknown_one_is_refused() {
+        for kind in AccelKind::ALL {
+            assert_eq!(kind.to_string().parse(), Ok(kind));
+        }
+        assert!("bvh".parse::<AccelKind>().is_err());
+    }
+
+    #[test]
+    #[cfg(not(feature = "embree"))]
+    fn a_build_without_embree_says_how_to_get_it() {
+        let error = build(Arc::new(Soup::default()), AccelKind::Embree).err().expect("no Embree here");
+        assert!(error.to_string().contains("libembree-dev") && error.to_string().contains("--features embree"), "{error}");
+    }
 }

@@ -1,5 +1,6 @@
 //! Each physical law is a test.
 
+mod accel_conformance;
 mod furnace;
 mod invariance;
 mod light;

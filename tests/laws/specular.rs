@@ -61,11 +61,11 @@ fn slab() -> Scene {
 /// [physical_checks.csv slab_*]: the transmittance of a plate with all reflections inside is (1 - R)/(1 + R).
 #[test]
 fn a_slab_transmits_what_fresnel_says() {
-    let table = [(0.0, 0.923_077), (30.0, 0.920_266), (45.0, 0.904_327), (55.0,0.0),(59.0,0.0),(59.9,0.0),(60.0, 0.836_232),(60.1,0.0),(61.0,0.0),(65.0,0.0), (75.0, 0.596_092), (80.0, 0.441_229)];
+    let table = [(0.0, 0.923_077), (30.0, 0.920_266), (45.0, 0.904_327), (60.0, 0.836_232), (75.0, 0.596_092), (80.0, 0.441_229)];
     for (degrees, want) in table {
         let (s, c) = f64::to_radians(degrees).sin_cos();
         let got = radiance(slab(), None, DVec3::ZERO, DVec3::new(s, 0.0, c), 65_536);
-        eprintln!("DBG {degrees} {got} {want}");
+        assert_close(&format!("{degrees} degrees"), got, want, 1e-3);
     }
 }
 
@@ -150,7 +150,7 @@ fn light_by_way_of_a_mirror_is_found_by_both_passes() {
             .filter(|i| solved.pass_one.field.patches.rho[*i].g == 0.5)
             .map(|i| solved.pass_one.solution.irradiance[i].g * solved.pass_one.field.patches.area[i])
             .sum::<f64>();
-        let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &settings, &at, 32_768);
+        let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &settings, &at, 262_144);
         (stored, found[0].total.g)
     };
     let ((stored, gathered), (stored_image, direct)) = (probed(build(true)), probed(build(false)));
