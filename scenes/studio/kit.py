@@ -7,7 +7,7 @@ import shapes as sh
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 rng = np.random.default_rng(20)
-meshes = {}
+meshes, flats = {}, {}                                  # triangles of each mesh, and how many of them lie on flat faces
 counts = {"cube": 12, "rectangle": 2, "disk": 0, "sphere": 0}
 out = []
 flat = total = objects = lamps = 0
@@ -41,7 +41,7 @@ def put(kind, name, bsdf, at=(0, 0, 0), scale=(1, 1, 1), turn=(), light=None):
         lamps += 1
     out.append("\t</shape>")
     n = meshes[kind] if mesh else counts[kind]
-    total, objects, flat = total + n, objects + 1, flat + (0 if mesh else n)
+    total, objects, flat = total + n, objects + 1, flat + (flats[kind] if mesh else n)
 
 
 def bulb(name, at, radius, light):
@@ -69,6 +69,7 @@ def plane(name, bsdf, at, half, turn, light=None):
 def mesh(name, m):
     os.makedirs(os.path.join(HERE, "meshes"), exist_ok=True)
     meshes[name] = sh.write_ply(os.path.join(HERE, "meshes", name + ".ply"), m)
+    flats[name] = sh.level(m)
 
 
 def note(text):

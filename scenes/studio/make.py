@@ -212,4 +212,4 @@ with open(os.path.join(kit.HERE, "scene.xml"), "w", encoding="utf-8", newline="\
 """)
 size = sum(os.path.getsize(os.path.join(kit.HERE, "meshes", name)) for name in os.listdir(os.path.join(kit.HERE, "meshes")))
 print(f"{kit.objects} objects, {kit.materials} materials, {kit.lamps} area lights, {kit.total} triangles, "
-      f"{100 * kit.flat / kit.total:.2f} % on cubes, rectangles or disks; meshes {sum(kit.meshes.values())} triangles, {size / 1e6:.2f} MB")
+      f"{100 * kit.flat / kit.total:.2f} % on flat faces; meshes {sum(kit.meshes.values())} triangles, {size / 1e6:.2f} MB")

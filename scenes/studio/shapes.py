@@ -133,6 +133,12 @@ def shift(mesh, x=0.0, y=0.0, z=0.0):
     return mesh[0] + np.array([x, y, z]), mesh[1], mesh[2]
 
 
+def level(mesh):
+    """Number of triangles on flat faces: those whose three vertex normals are within 1 degree of one another."""
+    n = mesh[2][mesh[1]]
+    return int(((n * np.roll(n, 1, 1)).sum(2).min(1) > np.cos(np.radians(1))).sum())
+
+
 def write_ply(path, mesh):
     p, t, n = mesh
     used, t = np.unique(t, return_inverse=True)
