@@ -65,8 +65,12 @@ def scene_hash(folder):
     return digest.hexdigest()
 
 
-def seed_of(half, index):
-    return 2 * index + half + 1
+def seed_of(half, index, pixels, per_pass):
+    """The seed of a pass. Mitsuba gives pixel number p of a pass the random stream (per_pass * p + seed), so seeds that are a
+    multiple of per_pass apart would repeat one pixel's samples in another pixel: per_pass seeds in a row are used, then
+    the next per_pass seeds beyond the last pixel's stream."""
+    run = per_pass // 2
+    return (index % run) * 2 + half + 1 + (index // run) * per_pass * (pixels + 1)
 
 
 def save(path, state):
@@ -107,7 +111,7 @@ def write(args, state, folder):
         "max_depth = -1",
         'sampler = "multijitter"',
         'filter = "box"',
-        'seeds = "pass i (from 0) of half A: 2 i + 1; of half B: 2 i + 2"',
+        f'seeds = "pass i of half h (both from 0): 2 (i mod {spp // 2}) + h + 1 + floor(i / {spp // 2}) * {spp * (a.shape[0] * a.shape[1] + 1)}"',
         f"width = {a.shape[1]}",
         f"height = {a.shape[0]}",
         f"samples_per_pass = {spp}",
@@ -149,6 +153,8 @@ def main():
         state.update(sum0=0.0, sum1=0.0, square0=0.0, square1=0.0)
 
     scene = mi.load_file(os.path.join(scene_folder, "scene.xml"), **dict(d.split("=", 1) for d in args.define))
+    width, height = scene.sensors()[0].film().size()
+    pixels = int(width) * int(height)
     saved = time.monotonic()
     while True:
         n = state["n"]
@@ -158,7 +164,7 @@ def main():
                 break
         half = 0 if n[0] <= n[1] else 1
         start = time.process_time()
-        image = np.array(mi.render(scene, spp=args.per_pass, seed=seed_of(half, int(n[half]))), dtype=np.float64)[..., :3]
+        image = np.array(mi.render(scene, spp=args.per_pass, seed=seed_of(half, int(n[half]), pixels, args.per_pass)), dtype=np.float64)[..., :3]
         if not np.isfinite(image).all():
             raise SystemExit("a pass holds values that are not finite")
         state["cpu"] = state["cpu"] + time.process_time() - start
