@@ -21,6 +21,7 @@ pub mod accel;
 pub mod film;
 pub mod geometry;
 pub mod light;
+pub mod load;
 pub mod material;
 pub mod math;
 pub mod progress;
