@@ -23,6 +23,7 @@ pub mod form_factor;
 pub mod geometry;
 pub mod integrator;
 pub mod light;
+pub mod load;
 pub mod material;
 pub mod math;
 pub mod metrics;

@@ -89,6 +89,44 @@ pub fn disk(to_world: &DAffine3, sides: u32) -> Triangles {
     keep_normal(shape, to_world)
 }
 
+/// The unit sphere as `bands` rings of triangles with smooth normals, uv = (phi/2pi, theta/pi).
+///
+/// The radius is enlarged so that the polyhedron has the area 4 pi before `to_world` is applied.
+pub fn sphere(to_world: &DAffine3, bands: u32) -> Triangles {
+    let (rings, columns) = (bands, 2 * bands);
+    let direction = |ring: u32, column: u32| {
+        let (sin_theta, cos_theta) = (std::f64::consts::PI * f64::from(ring) / f64::from(rings)).sin_cos();
+        let (sin_phi, cos_phi) = (std::f64::consts::TAU * f64::from(column % columns) / f64::from(columns)).sin_cos();
+        DVec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
+    };
+    let mut shape = Triangles::default();
+    let normal_to_world = to_world.matrix3.inverse().transpose();
+    for ring in 0..=rings {
+        for column in 0..=columns {
+            let d = direction(ring, column);
+            shape.positions.push(d);
+            shape.normals.push((normal_to_world * d).normalize_or_zero().as_vec3());
+            shape.uvs.push(Vec2::new(column as f32 / columns as f32, ring as f32 / rings as f32));
+        }
+    }
+    for ring in 0..rings {
+        for column in 0..columns {
+            let a = ring * (columns + 1) + column;
+            let b = a + columns + 1;
+            // At the poles one of the two triangles of a cell has no area.
+            shape.triangles.extend((ring + 1 < rings).then_some([a + 1, b, b + 1]));
+            shape.triangles.extend((ring > 0).then_some([a, b, a + 1]));
+        }
+    }
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| shape.positions[i as usize]);
+        0.5 * (b - a).cross(c - a).length()
+    };
+    let radius = (4.0 * std::f64::consts::PI / shape.triangles.iter().map(area).sum::<f64>()).sqrt();
+    shape.positions.iter_mut().for_each(|p| *p = to_world.transform_point3(radius * *p));
+    keep_normal(shape, to_world)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +150,12 @@ mod tests {
             let c = cube(&m);
             let outward = c.triangles.iter().zip(area_vectors(&c)).all(|(t, a)| c.positions[t[0] as usize].dot(a) > 0.0);
             assert!(outward, "a cube face points inward (mirror {mirror})");
+            let s = sphere(&m, 8);
+            let areas = area_vectors(&s);
+            let total: f64 = areas.iter().map(|a| a.length()).sum();
+            assert!((total - 4.0 * std::f64::consts::PI).abs() < 1e-12, "sphere area {total}");
+            let outward = s.triangles.iter().zip(&areas).all(|(t, a)| s.normals[t[0] as usize].as_dvec3().dot(*a) > 0.0);
+            assert!(outward, "a sphere face points inward (mirror {mirror})");
         }
     }
 }

@@ -1,0 +1,135 @@
+//! Which files may be read, how much of them, and what they contained: the hash of a scene.
+
+use super::error::{LoadErrorKind, SourceText};
+use super::{Limits, LoadOptions};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// The files of one scene.
+#[derive(Debug)]
+pub(super) struct Files {
+    root: PathBuf,
+    allowed: Vec<PathBuf>,
+    pub limits: Limits,
+    /// Digest of every file read. Ordered by path, so that the order of reading does not matter.
+    digests: Mutex<BTreeMap<PathBuf, u64>>,
+}
+
+impl Files {
+    /// The files beside the scene file `main`.
+    pub fn new(main: &Path, options: &LoadOptions) -> Result<Files, LoadErrorKind> {
+        let parent = main.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let root = canonical(parent).map_err(|_| missing(main))?;
+        let allowed = options.allow_paths.iter().map(|p| canonical(p)).collect::<Result<_, _>>()?;
+        Ok(Files { root, allowed, limits: options.limits, digests: Mutex::default() })
+    }
+
+    /// The real path of `name`, as written in the scene, if it may be read.
+    pub fn resolve(&self, name: &str) -> Result<PathBuf, LoadErrorKind> {
+        let path = canonical(&self.root.join(name))?;
+        let inside = |folder: &PathBuf| path.starts_with(folder);
+        if inside(&self.root) || self.allowed.iter().any(inside) {
+            Ok(path)
+        } else {
+            Err(LoadErrorKind::PathNotAllowed { path: name.into() })
+        }
+    }
+
+    /// All bytes of a regular file of at most `limit` bytes.
+    pub fn read(&self, path: &Path, limit: u64) -> Result<Vec<u8>, LoadErrorKind> {
+        let failed = |e: std::io::Error| LoadErrorKind::Unreadable { path: path.into(), reason: e.to_string() };
+        let meta = std::fs::metadata(path).map_err(failed)?;
+        if !meta.is_file() {
+            return Err(LoadErrorKind::Unreadable { path: path.into(), reason: "not a regular file".to_owned() });
+        }
+        let over = |found| LoadErrorKind::OverLimit { what: format!("size of {} in bytes", path.display()), limit, found };
+        if meta.len() > limit {
+            return Err(over(meta.len()));
+        }
+        let mut bytes = Vec::with_capacity(meta.len() as usize);
+        // The file may grow while it is read.
+        std::fs::File::open(path).and_then(|f| f.take(limit + 1).read_to_end(&mut bytes)).map_err(failed)?;
+        if bytes.len() as u64 > limit {
+            return Err(over(bytes.len() as u64));
+        }
+        let name = path.strip_prefix(&self.root).unwrap_or(path).to_owned();
+        self.digests.lock().expect("no holder of this lock panics").insert(name, digest(&bytes));
+        Ok(bytes)
+    }
+
+    /// A text file in UTF-8.
+    pub fn read_text(&self, path: &Path, limit: u64) -> Result<SourceText, LoadErrorKind> {
+        let text = String::from_utf8(self.read(path, limit)?).map_err(|e| {
+            let at = e.utf8_error().valid_up_to();
+            let found = format!("byte {:#04x} at offset {at}", e.as_bytes()[at]);
+            LoadErrorKind::Malformed { expected: "UTF-8 text".to_owned(), found }
+        })?;
+        Ok(SourceText { path: path.to_owned(), text })
+    }
+
+    /// Hash of all files read and of the parameters given; and the files.
+    pub fn summary(self, defines: &[(String, String)]) -> (u64, Vec<PathBuf>) {
+        let digests = self.digests.into_inner().expect("no holder of this lock panics");
+        let mut all = Vec::new();
+        let mut put = |text: &[u8]| {
+            all.extend((text.len() as u64).to_le_bytes());
+            all.extend(text);
+        };
+        let mut defines: Vec<_> = defines.iter().collect();
+        defines.sort();
+        for (name, value) in defines {
+            put(name.as_bytes());
+            put(value.as_bytes());
+        }
+        for (path, digest) in &digests {
+            put(path.as_os_str().as_encoded_bytes());
+            put(&digest.to_le_bytes());
+        }
+        (digest(&all), digests.into_keys().map(|p| self.root.join(p)).collect())
+    }
+}
+
+fn canonical(path: &Path) -> Result<PathBuf, LoadErrorKind> {
+    path.canonicalize().map_err(|e| LoadErrorKind::Unreadable { path: path.into(), reason: e.to_string() })
+}
+
+fn missing(path: &Path) -> LoadErrorKind {
+    LoadErrorKind::Unreadable { path: path.into(), reason: "no such file or folder".to_owned() }
+}
+
+/// 64-bit digest over words of eight bytes by folded multiplication (as in wyhash). Against accidents, not against intent.
+pub(super) fn digest(bytes: &[u8]) -> u64 {
+    let step = |h: u64, word: u64| {
+        // The odd number nearest to 2^64 over the golden ratio: its bits have no pattern.
+        let product = u128::from(h ^ word) * 0x9e37_79b9_7f4a_7c15;
+        (product as u64) ^ ((product >> 64) as u64)
+    };
+    let (words, rest) = bytes.as_chunks::<8>();
+    let mut h = words.iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, w| step(h, u64::from_le_bytes(*w)));
+    let mut tail = [0; 8];
+    tail[..rest.len()].copy_from_slice(rest);
+    h = step(h, u64::from_le_bytes(tail));
+    step(step(h, bytes.len() as u64), 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_changed_bit_or_byte_changes_the_digest() {
+        let base: Vec<u8> = (0..40).collect();
+        let mut seen = vec![digest(&base), digest(&base[..39]), digest(&[])];
+        for i in 0..base.len() * 8 {
+            let mut other = base.clone();
+            other[i / 8] ^= 1 << (i % 8);
+            seen.push(digest(&other));
+        }
+        let n = seen.len();
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!(seen.len(), n);
+    }
+}

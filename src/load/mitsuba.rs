@@ -1,0 +1,111 @@
+//! A Mitsuba 3 scene to a [`SceneSource`]: one match arm for each kind of element.
+
+use super::error::{LoadError, LoadErrorKind, Place, near};
+use super::files::Files;
+use super::object::{Class, Ids, Object};
+use super::picture::Picture;
+use super::shapes::PendingShape;
+use crate::material::{MaterialId, Surface};
+use crate::math::{DVec3, Rgb};
+use crate::scene::SceneSource;
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+/// What is known of a scene while it is read.
+pub(super) struct Loader<'a> {
+    pub ids: &'a Ids<'a>,
+    pub files: &'a Files,
+    pub warnings: Vec<String>,
+    /// Approximations of the material being made.
+    pub notes: Vec<String>,
+    pub surfaces: Vec<Surface>,
+    /// Material of each bsdf that has been made. Objects are told apart by where they are, since they need no id.
+    pub material_of: HashMap<*const Object, MaterialId>,
+    /// The bsdfs being made, outermost first.
+    pub building: Vec<*const Object>,
+    /// Materials of shapes without one: not emitting, emitting.
+    pub default_materials: [Option<MaterialId>; 2],
+    pub pictures: HashMap<(PathBuf, bool), Picture>,
+    pub point_lights: Vec<(DVec3, Rgb)>,
+    pub environment: Option<Rgb>,
+    pub made_ids: u32,
+}
+
+/// A scene in file coordinates, and where each of its shapes was written.
+pub(super) struct Parts {
+    pub source: SceneSource,
+    pub places: Vec<Place>,
+}
+
+/// Reads the objects of a scene.
+pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -> Result<Parts, LoadError> {
+    let mut loader = Loader {
+        ids,
+        files,
+        warnings: Vec::new(),
+        notes: Vec::new(),
+        surfaces: Vec::new(),
+        material_of: HashMap::new(),
+        building: Vec::new(),
+        default_materials: [None; 2],
+        pictures: HashMap::new(),
+        point_lights: Vec::new(),
+        environment: None,
+        made_ids: 0,
+    };
+    let sensors = root.children(ids, Class::SENSOR);
+    let (_, sensor) = sensors.first().ok_or_else(|| root.lacks("a sensor"))?;
+    let (camera, mut film) = loader.sensor(sensor)?;
+    if sensors.len() > 1 {
+        loader.warnings.push(format!("the scene has {} sensors; the first is used", sensors.len()));
+    }
+    if let Some(integrator) = root.child(ids, Class::INTEGRATOR)? {
+        film.max_depth = loader.max_depth(integrator)?;
+    }
+    for (_, bsdf) in root.children(ids, Class::BSDF) {
+        loader.material(bsdf, "unnamed")?;
+    }
+    for (_, texture) in root.children(ids, Class::TEXTURE) {
+        loader.texture_object(texture)?;
+    }
+    let shapes: Vec<PendingShape> =
+        root.children(ids, Class::SHAPE).into_iter().map(|(_, s)| loader.shape(s)).collect::<Result<_, _>>()?;
+    for (_, emitter) in root.children(ids, Class::EMITTER) {
+        loader.emitter(emitter)?;
+    }
+    root.finish()?;
+    let places = shapes.iter().map(|s| s.place.clone()).collect();
+    // Files are read side by side; of several faults the first in file order is told.
+    let shapes: Vec<_> = shapes.into_par_iter().map(|s| s.read(files)).collect();
+    let source = SceneSource {
+        name,
+        camera,
+        film,
+        shapes: shapes.into_iter().collect::<Result<_, _>>()?,
+        materials: loader.surfaces,
+        point_lights: loader.point_lights,
+        environment: loader.environment.unwrap_or(Rgb::BLACK),
+        warnings: loader.warnings,
+    };
+    Ok(Parts { source, places })
+}
+
+impl Loader<'_> {
+    /// Notes that the material being made is an approximation, in the words that follow "replaced".
+    pub fn note(&mut self, what: String) {
+        if !self.notes.contains(&what) {
+            self.notes.push(what);
+        }
+    }
+}
+
+/// The error that an object's type is not among `known`.
+pub(super) fn unknown_plugin(object: &Object, known: &[&str]) -> LoadError {
+    let (class, plugin) = (object.class.0, object.plugin.as_str());
+    object.place.error(LoadErrorKind::UnknownPlugin {
+        class,
+        found: plugin.to_owned(),
+        near: near(plugin, known.iter().copied()),
+    })
+}

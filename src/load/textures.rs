@@ -1,0 +1,129 @@
+//! Colours and `<texture>`: constants, bitmaps, checkerboards.
+
+use super::error::{LoadError, LoadErrorKind};
+use super::mitsuba::{Loader, unknown_plugin};
+use super::object::{Class, Object, Property, Value};
+use super::picture::{self, Picture};
+use crate::material::Texture;
+use crate::material::texture::{Bitmap, Filter, Wrap};
+use crate::math::Rgb;
+use std::sync::Arc;
+
+/// What a colour is used for, and so what values it may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Use {
+    /// In [0, 1].
+    Reflectance,
+    /// 0 or more.
+    Index,
+}
+
+impl Use {
+    fn check(self, value: Rgb) -> Result<Rgb, &'static str> {
+        let limit = if self == Use::Reflectance { 1.0 } else { f64::INFINITY };
+        if value.is_finite() && value.min() >= 0.0 && value.max() <= limit {
+            Ok(value)
+        } else if self == Use::Reflectance {
+            Err("a colour with every channel from 0 to 1")
+        } else {
+            Err("a colour with every channel 0 or more")
+        }
+    }
+}
+
+impl<'a> Loader<'a> {
+    /// The texture `name` of an object, or a grey `default`.
+    pub fn texture(&mut self, object: &'a Object, name: &'static str, default: f64) -> Result<Texture, LoadError> {
+        self.texture_for(object, name, default, Use::Reflectance)
+    }
+
+    /// One colour: the mean of `name` if it is a texture, which is noted as an approximation.
+    pub fn color(&mut self, object: &'a Object, name: &'static str, default: f64, purpose: Use) -> Result<Rgb, LoadError> {
+        let texture = self.texture_for(object, name, default, purpose)?;
+        if matches!(texture, Texture::Bitmap(_)) {
+            self.note(format!("its {name} by the texture's mean"));
+        }
+        Ok(texture.mean())
+    }
+
+    fn texture_for(&mut self, object: &'a Object, name: &'static str, default: f64, purpose: Use) -> Result<Texture, LoadError> {
+        let Some(property) = object.get(name) else { return Ok(Texture::Constant(Rgb::grey(default))) };
+        let value = match &property.value {
+            Value::Rgb(value) => *value,
+            // As a reflectance, a spectrum that is the same at all wavelengths is grey.
+            Value::Uniform(value) | Value::Float(value) => Rgb::grey(*value),
+            Value::Integer(value) => Rgb::grey(*value as f64),
+            _ => return self.child_texture(property, purpose),
+        };
+        purpose.check(value).map(Texture::Constant).map_err(|expected| property.must_be(expected))
+    }
+
+    fn child_texture(&mut self, property: &'a Property, purpose: Use) -> Result<Texture, LoadError> {
+        let object = match &property.value {
+            Value::Object(object) => Some(object),
+            Value::Reference(id) => self.ids.get(id.as_str()).copied(),
+            _ => None,
+        };
+        let object = object.filter(|o| o.class == Class::TEXTURE).ok_or_else(|| property.must_be("a colour or a texture"))?;
+        let texture = self.texture_object(object)?;
+        if let Texture::Bitmap(bitmap) = &texture
+            && let Some(i) = bitmap.texels.iter().position(|t| purpose.check((*t).into()).is_err())
+        {
+            let expected = purpose.check(bitmap.texels[i].into()).err().unwrap_or_default().to_owned();
+            let found = format!("{:?} at ({}, {})", bitmap.texels[i], i % bitmap.width, i / bitmap.width);
+            return Err(property.place.error(LoadErrorKind::Value { name: property.name.clone(), expected, found }));
+        }
+        Ok(texture)
+    }
+
+    /// The texture that a `<texture>` element describes.
+    pub fn texture_object(&mut self, object: &'a Object) -> Result<Texture, LoadError> {
+        let texture = match object.plugin.as_str() {
+            "bitmap" => self.bitmap(object)?,
+            "checkerboard" => self.checkerboard(object)?,
+            _ => return Err(unknown_plugin(object, &["bitmap", "checkerboard"])),
+        };
+        object.finish()?;
+        Ok(Texture::Bitmap(texture))
+    }
+
+    fn bitmap(&mut self, object: &'a Object) -> Result<Bitmap, LoadError> {
+        object.ignore(&["format", "accel"]);
+        let raw = object.boolean("raw", false)?;
+        let filter = object.choice("filter_type", &[("bilinear", Filter::Bilinear), ("nearest", Filter::Nearest)])?;
+        let wrap = object.choice("wrap_mode", &[("repeat", Wrap::Repeat), ("mirror", Wrap::Mirror), ("clamp", Wrap::Clamp)])?;
+        let Picture { width, height, texels } = self.picture(object, raw)?;
+        Ok(Bitmap { width, height, texels, filter, wrap, to_uv: to_uv(object)? })
+    }
+
+    /// The decoded image of an object's `filename`; each file is decoded once.
+    pub fn picture(&mut self, object: &'a Object, raw: bool) -> Result<Picture, LoadError> {
+        let name = object.needed_text("filename")?;
+        let failed = |kind| name.place.error(kind);
+        let path = self.files.resolve(name.value).map_err(failed)?;
+        let key = (path, raw);
+        if let Some(picture) = self.pictures.get(&key) {
+            return Ok(picture.clone());
+        }
+        let limits = &self.files.limits;
+        let bytes = self.files.read(&key.0, limits.image_bytes).map_err(failed)?;
+        let picture = picture::decode(&bytes, &key.0, raw, limits).map_err(failed)?;
+        self.pictures.insert(key, picture.clone());
+        Ok(picture)
+    }
+
+    /// Two by two texels say it all: `color0` where u and v lie in the same half of their cell.
+    fn checkerboard(&mut self, object: &'a Object) -> Result<Bitmap, LoadError> {
+        // Defaults of Mitsuba.
+        let colors = [self.color(object, "color0", 0.4, Use::Reflectance)?, self.color(object, "color1", 0.2, Use::Reflectance)?];
+        let [a, b] = colors.map(|c| c.to_array().map(|v| v as f32));
+        let texels = Arc::from([a, b, b, a]);
+        Ok(Bitmap { width: 2, height: 2, texels, filter: Filter::Nearest, wrap: Wrap::Repeat, to_uv: to_uv(object)? })
+    }
+}
+
+fn to_uv(object: &Object) -> Result<[[f32; 3]; 2], LoadError> {
+    let m = object.transform("to_uv")?;
+    let row = |i: usize| [m.matrix3.x_axis[i] as f32, m.matrix3.y_axis[i] as f32, m.translation[i] as f32];
+    Ok([row(0), row(1)])
+}
