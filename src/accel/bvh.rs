@@ -1,8 +1,7 @@
-//! Binary trees built by obvhs, and their plain traversal with the shared watertight triangle test.
+//! Binary trees built by obvhs.
 //!
-//! obvhs' own triangle test is not used: it rejects hits with a barycentric of -0.0, so axis-aligned walls leak at diagonals.
-
-use std::sync::Arc;
+//! Only its builder is used: its triangle test rejects hits with a barycentric of -0.0, so axis-aligned walls leak at their
+//! diagonals, and its traversal is half as fast as that of eight-wide nodes.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -10,18 +9,24 @@ use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-use super::query::{Query, inclusive, is_better};
-use super::{Accel, Hit, Ray, Soup};
-use crate::geometry::Bounds;
+use crate::geometry::{Bounds, Soup};
 use crate::math::Vec3A;
-
-/// Deepest tree that is traversed; a deeper one is built anew by halving, which has depth log2(n).
-const MAX_DEPTH: usize = 96;
 
 /// Binary tree whose leaves hold one primitive each.
 pub struct Tree {
-    /// Root first; an inner node's children lie at `first_index` and `first_index + 1`; a leaf's `first_index` is its primitive.
-    pub nodes: Vec<Bvh2Node>,
+    /// Root first.
+    pub nodes: Vec<BinaryNode>,
+}
+
+/// A node in 32 bytes.
+#[derive(Debug, Clone, Copy)]
+pub struct BinaryNode {
+    /// Box of everything below.
+    pub bounds: Bounds,
+    /// First child of an inner node, the other one being next to it; primitive of a leaf.
+    pub first: u32,
+    /// True for a leaf.
+    pub is_leaf: bool,
 }
 
 impl Tree {
@@ -30,36 +35,43 @@ impl Tree {
     /// Parallel agglomerative clustering, then reinsertion of the 5 % largest nodes. obvhs' presets search only direct Morton
     /// neighbours in the first passes (`search_depth_threshold` above 0); on walls cut into equal squares all costs tie there
     /// and the bad merges stay: node area 300 instead of 41 times the root's, and rays ten times slower. Hence 0.
-    pub fn build(soup: &Soup, max_depth: usize) -> Tree {
-        let boxes: Vec<Bounds> = (0..soup.len() as u32).map(|i| soup.bounds_of(i)).collect();
-        let finite = |b: &Bounds| b.min.is_finite() && b.max.is_finite();
-        let indices: Vec<u32> = (0..soup.len() as u32).filter(|&i| finite(&boxes[i as usize])).collect();
-        let aabbs: Vec<Aabb> = indices.iter().map(|&i| to_aabb(&boxes[i as usize])).collect();
-        let tree = Tree { nodes: cluster(&aabbs) };
-        let mut tree = if tree.depth() > max_depth { Tree { nodes: halve(&aabbs) } } else { tree };
-        for leaf in tree.nodes.iter_mut().filter(|n| n.is_leaf()) {
-            leaf.first_index = indices[leaf.first_index as usize];
-        }
-        tree
+    pub fn build(soup: &Soup) -> Tree {
+        Self::build_by(soup, cluster)
     }
 
-    /// Nodes on the longest way from the root to a leaf; 0 for the empty tree.
-    pub fn depth(&self) -> usize {
-        let mut deepest = 0;
-        let mut open: Vec<(u32, usize)> = if self.nodes.is_empty() { Vec::new() } else { vec![(0, 1)] };
-        while let Some((index, depth)) = open.pop() {
-            deepest = deepest.max(depth);
+    /// The same by halving, with depth log2(n), whatever the input: for inputs on which clustering makes a chain.
+    pub fn build_balanced(soup: &Soup) -> Tree {
+        Self::build_by(soup, halve)
+    }
+
+    fn build_by(soup: &Soup, method: fn(&[Aabb]) -> Vec<Bvh2Node>) -> Tree {
+        let to_aabb = |i: u32| {
+            let bounds = soup.bounds_of(i);
+            Aabb::new(Vec3A::from(bounds.min), Vec3A::from(bounds.max))
+        };
+        let finite = |b: &Aabb| b.min.is_finite() && b.max.is_finite();
+        let (indices, aabbs): (Vec<u32>, Vec<Aabb>) =
+            (0..soup.len() as u32).map(|i| (i, to_aabb(i))).filter(|(_, b)| finite(b)).unzip();
+        let convert = |n: &Bvh2Node| {
+            let first = if n.is_leaf() { indices[n.first_index as usize] } else { n.first_index };
+            BinaryNode { bounds: Bounds::new(n.aabb().min.into(), n.aabb().max.into()), first, is_leaf: n.is_leaf() }
+        };
+        Tree { nodes: method(&aabbs).iter().map(convert).collect() }
+    }
+
+    /// All nodes, each before its children.
+    pub fn preorder(&self) -> Vec<u32> {
+        let mut order = Vec::with_capacity(self.nodes.len());
+        let mut open: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
+        while let Some(index) = open.pop() {
+            order.push(index);
             let node = &self.nodes[index as usize];
-            if !node.is_leaf() {
-                open.extend([(node.first_index, depth + 1), (node.first_index + 1, depth + 1)]);
+            if !node.is_leaf {
+                open.extend([node.first + 1, node.first]);
             }
         }
-        deepest
+        order
     }
-}
-
-fn to_aabb(bounds: &Bounds) -> Aabb {
-    Aabb::new(Vec3A::from(bounds.min), Vec3A::from(bounds.max))
 }
 
 /// obvhs' builder with the safe parameters.
@@ -131,96 +143,4 @@ fn halve(aabbs: &[Aabb]) -> Vec<Bvh2Node> {
         used += 2;
     }
     nodes
-}
-
-/// Plain traversal of the binary tree, nearer child first.
-pub struct Bvh {
-    soup: Arc<Soup>,
-    nodes: Vec<Node>,
-}
-
-/// A node in 32 bytes.
-#[derive(Clone, Copy)]
-struct Node {
-    bounds: Bounds,
-    /// First child of an inner node, primitive of a leaf.
-    first: u32,
-    is_leaf: bool,
-}
-
-impl Bvh {
-    /// Builds the tree.
-    pub fn new(soup: Arc<Soup>) -> Self {
-        let tree = Tree::build(&soup, MAX_DEPTH);
-        let convert = |n: &Bvh2Node| {
-            let bounds = Bounds::new(n.aabb().min.into(), n.aabb().max.into());
-            Node { bounds, first: n.first_index, is_leaf: n.is_leaf() }
-        };
-        Self { nodes: tree.nodes.iter().map(convert).collect(), soup }
-    }
-
-    /// Calls `visit` with primitives near the ray; it returns the new end of the ray, or `None` to stop.
-    #[inline]
-    fn traverse(&self, query: &Query, mut visit: impl FnMut(u32, f32) -> Option<f32>) {
-        let mut stack = [(0_u32, 0.0_f32); MAX_DEPTH];
-        let mut limit = query.ray.t_max;
-        let enter = |index: u32, limit| query.enters(&self.nodes[index as usize].bounds, limit).map(|t| (index, t));
-        let mut current = if self.nodes.is_empty() { None } else { enter(0, limit) };
-        let mut height = 0;
-        while let Some((index, _)) = current {
-            let node = &self.nodes[index as usize];
-            if node.is_leaf {
-                match visit(node.first, limit) {
-                    Some(end) => limit = end,
-                    None => return,
-                }
-                current = None;
-            } else {
-                current = match (enter(node.first, limit), enter(node.first + 1, limit)) {
-                    (Some(a), Some(b)) => {
-                        let (near, far) = if b.1 < a.1 { (b, a) } else { (a, b) };
-                        stack[height] = far;
-                        height += 1;
-                        Some(near)
-                    }
-                    (a, b) => a.or(b),
-                };
-            }
-            // What was put aside may lie beyond a hit found since.
-            while current.is_none() && height > 0 {
-                height -= 1;
-                current = Some(stack[height]).filter(|&(_, t)| t <= limit * super::query::BOX_SLACK);
-            }
-        }
-    }
-}
-
-impl Accel for Bvh {
-    fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        let query = Query::new(ray)?;
-        let mut best = None;
-        self.traverse(&query, |primitive, limit| {
-            if let Some(hit) = self.soup.intersect(primitive, &query.ray, &query.sheared, limit)
-                && is_better(hit, best)
-            {
-                best = Some(hit);
-            }
-            Some(best.map_or(limit, |hit| inclusive(hit.t).min(ray.t_max)))
-        });
-        best
-    }
-
-    fn occluded(&self, ray: &Ray) -> bool {
-        let Some(query) = Query::new(ray) else { return false };
-        let mut found = false;
-        self.traverse(&query, |primitive, limit| {
-            found = self.soup.intersect(primitive, &query.ray, &query.sheared, limit).is_some();
-            (!found).then_some(limit)
-        });
-        found
-    }
-
-    fn memory_bytes(&self) -> usize {
-        std::mem::size_of_val(self.nodes.as_slice())
-    }
 }

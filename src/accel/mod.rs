@@ -8,9 +8,12 @@
 //!
 //! Coordinates may reach 1e15 in magnitude; beyond that the products of the f32 triangle test overflow and hits are lost.
 
+#[cfg(test)]
+mod binary;
 mod brute_force;
 mod bvh;
 mod query;
+mod wide;
 
 use std::fmt;
 use std::str::FromStr;
@@ -114,7 +117,7 @@ pub fn build(soup: Arc<Soup>, kind: AccelKind) -> Result<Box<dyn Accel>, AccelEr
         return Err(AccelError::TooManyPrimitives { count: soup.len(), limit: LIMIT });
     }
     match kind {
-        AccelKind::Obvhs => Ok(Box::new(bvh::Bvh::new(soup))),
+        AccelKind::Obvhs => Ok(Box::new(wide::Wide::new(soup))),
         AccelKind::BruteForce => Ok(Box::new(brute_force::BruteForce::new(soup))),
         AccelKind::Embree => Err(AccelError::EmbreeMissing),
     }

@@ -1,7 +1,7 @@
-//! What a traversal needs to know of a ray, computed once, and the interval test against boxes.
+//! What a traversal needs to know of a ray, computed once.
 
 use crate::geometry::triangle::ShearedRay;
-use crate::geometry::{Bounds, Hit, Ray};
+use crate::geometry::{Hit, Ray};
 use crate::math::Vec3;
 
 /// Factor by which the far end of a box's interval is stretched, so that rounding never loses a box.
@@ -30,21 +30,59 @@ impl Query {
         let ray = usable(ray)?;
         Some(Self { ray, sheared: ShearedRay::new(&ray), inverse: ray.direction.recip() })
     }
+}
 
-    /// Parameter at which the ray enters `bounds`, if it does so within [`t_min`, `limit`] (conservative).
+/// A vertex in the space where the ray runs along +z from the origin.
+type Projected = [f32; 3];
+
+impl Query {
+    /// Parameter at which the ray meets a triangle, in (`t_min`, `limit`): the watertight test [Woop13] as a whole.
+    ///
+    /// Where an edge function rounds to zero its sign is found in f64, where the products are exact. Without that, a triangle
+    /// smaller than the rounding of its coordinates could count as met by a ray that passes anywhere: all three values are then
+    /// zero or noise. A box test around every triangle would hide this; packed leaves have none.
     #[inline]
-    pub fn enters(&self, bounds: &Bounds, limit: f32) -> Option<f32> {
-        let a = (bounds.min - self.ray.origin) * self.inverse;
-        let b = (bounds.max - self.ray.origin) * self.inverse;
-        let (mut near, mut far) = (self.ray.t_min, limit);
-        for axis in 0..3 {
-            let (enter, leave) = if self.inverse[axis] >= 0.0 { (a[axis], b[axis]) } else { (b[axis], a[axis]) };
-            // 0 * infinity, a ray inside a face's plane, is a NaN: both comparisons fail and the slab does not count.
-            near = if enter > near { enter } else { near };
-            far = if leave < far { leave } else { far };
+    pub fn meet(&self, corners: [Vec3; 3], limit: f32) -> Option<f32> {
+        let [a, b, c] = corners.map(|corner| self.project(corner));
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
         }
-        (near <= far * BOX_SLACK).then_some(near)
+        if u == 0.0 || v == 0.0 || w == 0.0 {
+            return meet_by_exact_signs(a, b, c).filter(|&t| self.holds(t, limit));
+        }
+        let t = (u * a[2] + v * b[2] + w * c[2]) / (u + v + w);
+        self.holds(t, limit).then_some(t)
     }
+
+    #[inline]
+    fn holds(&self, t: f32, limit: f32) -> bool {
+        t > self.ray.t_min && t < limit
+    }
+
+    #[inline]
+    fn project(&self, corner: Vec3) -> Projected {
+        let v = corner - self.ray.origin;
+        let ([x, y, z], shear) = (self.sheared.axes, self.sheared.shear);
+        [v[x] - shear[0] * v[z], v[y] - shear[1] * v[z], shear[2] * v[z]]
+    }
+}
+
+/// The test in f64 on the same rounded corners. The product of two f32 is exact in f64, so each sign is right.
+#[cold]
+fn meet_by_exact_signs(a: Projected, b: Projected, c: Projected) -> Option<f32> {
+    let [a, b, c] = [a, b, c].map(|p| p.map(f64::from));
+    let u = c[0] * b[1] - c[1] * b[0];
+    let v = a[0] * c[1] - a[1] * c[0];
+    let w = b[0] * a[1] - b[1] * a[0];
+    let det = u + v + w;
+    // Zero: the triangle is seen edge-on or has no area; its neighbours take the hit.
+    if (u.min(v).min(w) < 0.0 && u.max(v).max(w) > 0.0) || det == 0.0 {
+        return None;
+    }
+    Some(((u * a[2] + v * b[2] + w * c[2]) / det) as f32)
 }
 
 /// The part of `ray` that can hit anything: nothing of one that is not valid, and nothing behind the origin.
@@ -63,4 +101,25 @@ pub fn is_better(hit: Hit, than: Option<Hit>) -> bool {
 #[inline]
 pub fn inclusive(t: f32) -> f32 {
     t.next_up()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_triangle_smaller_than_rounding_is_not_met_from_afar() {
+        let corners = [
+            Vec3::new(0.085_473_06, 0.078_949_93, 0.203_322_17),
+            Vec3::new(0.085_472_815, 0.078_949_92, 0.203_322_23),
+            Vec3::new(0.085_473_25, 0.078_949_77, 0.203_322_07),
+        ];
+        let (o, d) =
+            (Vec3::new(0.135_226_25, 0.950_638_53, 0.687_460_9), Vec3::new(-0.193_951_25, -0.167_837_74, -0.055_370_808));
+        let query = Query::new(&Ray::new(o, d)).expect("valid");
+        assert_eq!(query.meet(corners, f32::INFINITY), None);
+        let aimed = Query::new(&Ray::new(o, corners[0] - o)).expect("valid");
+        let t = aimed.meet(corners, f32::INFINITY).expect("aimed at a corner");
+        assert!((t - 1.0).abs() < 1e-6, "{t}");
+    }
 }

@@ -1,0 +1,145 @@
+//! Eight-wide tree over obvhs' binary one, with triangles packed by four.
+//!
+//! One traversal ([`kernel`]) serves two sets of vector operations: AVX2, chosen at run time where the processor has it, and
+//! portable arrays. Both do the same f32 operations in the same order, so they give the same bits. No fused multiply-add is used:
+//! it would break the triangle test's consistency between neighbours, and the box test's `(plane - origin) * inverse` keeps its
+//! relative accuracy far from the origin, which the fused form `plane * inverse - origin * inverse` does not.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod collapse;
+mod kernel;
+mod layout;
+mod portable;
+
+use std::sync::Arc;
+
+use super::bvh::Tree;
+use super::query::Query;
+use super::{Accel, Hit, Ray, Soup};
+use layout::{Node, Packet};
+
+/// Deepest wide tree that is traversed; a deeper one is built anew over a balanced binary tree.
+const MAX_DEPTH: usize = 32;
+
+/// The default engine.
+pub struct Wide {
+    soup: Arc<Soup>,
+    nodes: Vec<Node>,
+    packets: Vec<Packet>,
+    use_avx2: bool,
+}
+
+impl Wide {
+    /// Builds the tree and chooses the vector operations.
+    pub fn new(soup: Arc<Soup>) -> Self {
+        let collapsed = collapse::collapse(&Tree::build(&soup), &soup);
+        let collapsed =
+            if collapsed.depth > MAX_DEPTH { collapse::collapse(&Tree::build_balanced(&soup), &soup) } else { collapsed };
+        Self { soup, nodes: collapsed.nodes, packets: collapsed.packets, use_avx2: has_avx2() }
+    }
+
+    /// The same engine without processor-specific operations.
+    #[cfg(test)]
+    fn portable(self) -> Self {
+        Self { use_avx2: false, ..self }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    avx2::is_supported()
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn has_avx2() -> bool {
+    false
+}
+
+impl Accel for Wide {
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        let query = Query::new(ray)?;
+        #[cfg(target_arch = "x86_64")]
+        if self.use_avx2 {
+            return avx2::nearest(self, &query);
+        }
+        kernel::traverse::<portable::Portable, false>(self, &query)
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        let Some(query) = Query::new(ray) else { return false };
+        #[cfg(target_arch = "x86_64")]
+        if self.use_avx2 {
+            return avx2::any(self, &query);
+        }
+        kernel::traverse::<portable::Portable, true>(self, &query).is_some()
+    }
+
+    fn memory_bytes(&self) -> usize {
+        std::mem::size_of_val(self.nodes.as_slice()) + std::mem::size_of_val(self.packets.as_slice())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Sphere;
+    use crate::math::{Sampler, Vec3};
+
+    fn point(sampler: &mut Sampler) -> Vec3 {
+        Vec3::new(sampler.next_1d(), sampler.next_1d(), sampler.next_1d())
+    }
+
+    /// Triangles and spheres of all sizes, some sharing edges.
+    fn mixture(n: u32) -> Soup {
+        let mut soup = Soup::default();
+        for i in 0..n {
+            let mut s = Sampler::new(7, u64::from(i), 0);
+            let (p, size) = (point(&mut s), s.next_1d().powi(3));
+            soup.vertices.extend([p, p + size * (point(&mut s) - 0.5), p + size * (point(&mut s) - 0.5)]);
+            soup.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+            soup.triangles.push([3 * i, 3 * i + 2, (3 * i + 3) % (3 * n)]);
+            if i % 5 == 0 {
+                soup.spheres.push(Sphere { center: point(&mut s), radius: 0.001 + 0.05 * s.next_1d() });
+            }
+        }
+        soup
+    }
+
+    #[test]
+    fn avx2_and_portable_operations_give_the_same_bits_as_the_binary_tree() {
+        for n in [0, 1, 2, 5, 33, 500] {
+            let soup = Arc::new(mixture(n));
+            let (chosen, portable) = (Wide::new(soup.clone()), Wide::new(soup.clone()).portable());
+            let binary = crate::accel::binary::Binary::new(soup);
+            for i in 0..20_000 {
+                let mut s = Sampler::new(8, i, 0);
+                let (origin, direction) = (2.0 * point(&mut s) - 0.5, point(&mut s) - 0.5);
+                let ray = Ray { t_max: 4.0 * s.next_1d(), ..Ray::new(origin, direction) };
+                let hit = portable.intersect(&ray);
+                assert_eq!(chosen.intersect(&ray), hit, "AVX2 against portable, {n}: {ray:?}");
+                assert_eq!(binary.intersect(&ray), hit, "binary against wide, {n}: {ray:?}");
+                assert_eq!((chosen.occluded(&ray), portable.occluded(&ray)), (hit.is_some(), hit.is_some()), "{n}: {ray:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_tree_deeper_than_the_stack_is_balanced_anew() {
+        // Boxes nested in each other, each twice the size of the one before: clustering makes a chain.
+        let mut soup = Soup::default();
+        for i in 0..110 {
+            let size = 2.0_f32.powi(i - 80);
+            let base = soup.vertices.len() as u32;
+            soup.vertices.extend([Vec3::ZERO, Vec3::new(size, 0.0, size), Vec3::new(0.0, size, size)]);
+            soup.triangles.push([base, base + 1, base + 2]);
+        }
+        let soup = Arc::new(soup);
+        let engine = Wide::new(soup.clone());
+        let ray = Ray::new(Vec3::new(2e-8, 2e-8, 1.0), -Vec3::Z);
+        assert_eq!(engine.intersect(&ray), crate::accel::binary::Binary::new(soup.clone()).intersect(&ray));
+        assert!(engine.intersect(&ray).is_some());
+        let balanced = collapse::collapse(&Tree::build_balanced(&soup), &soup);
+        assert!(balanced.depth <= 4, "{}", balanced.depth);
+    }
+}
