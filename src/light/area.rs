@@ -5,8 +5,8 @@ use crate::geometry::{Bounds, Mesh, Sphere, offset_origin, triangle};
 use crate::math::{Frame, Rgb, Vec2, Vec3, warp};
 use std::f64::consts::PI;
 
-/// Relative bound on the rounding of a point on a lamp, in units of its largest coordinate; covers the f32 interpolation.
-const TARGET_ERROR: f32 = 8.0 * f32::EPSILON;
+/// Relative bound on the rounding of a point on a spherical lamp, in units of its largest coordinate.
+const SPHERE_ERROR: f32 = 8.0 * f32::EPSILON;
 
 /// A shape that emits the same radiance from every point of its normal side into every direction of that side.
 #[derive(Debug, Clone)]
@@ -99,8 +99,9 @@ impl AreaLight {
             return None;
         }
         let pdf = d2 / (cos * area);
-        // The target is moved off the lamp, towards the receiver, so that the lamp does not shadow itself.
-        let error = a.abs().max(b.abs()).max(c.abs()) * TARGET_ERROR;
+        // The target is moved off the lamp, towards the receiver, so that the lamp does not shadow itself; its interpolation
+        // in f32 costs as much again as leaving a surface.
+        let error = Vec3::splat(2.0 * triangle::leaving_error(a, b, c));
         let position = offset_origin(position, error, n.as_vec3(), -direction.as_vec3());
         Some(LightSample { position, direction: direction.as_vec3(), irradiance: self.radiance / pdf, pdf })
     }
@@ -119,7 +120,7 @@ impl AreaLight {
         let along = to_center.dot(direction.as_dvec3());
         let half_chord = (r2 - (d2 - along * along)).max(0.0).sqrt();
         let position = (point.as_dvec3() + direction.as_dvec3() * (along - half_chord)).as_vec3();
-        let error = (sphere.center.abs() + sphere.radius) * TARGET_ERROR;
+        let error = Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * SPHERE_ERROR);
         let position = offset_origin(position, error, sphere.normal(position), -direction);
         let pdf = 1.0 / (2.0 * PI * one_minus_cos);
         Some(LightSample { position, direction, irradiance: self.radiance / pdf, pdf })

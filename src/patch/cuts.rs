@@ -112,23 +112,44 @@ impl Plane {
     }
 }
 
-/// The lines along which other surfaces cut triangle `primitive`, the longest last.
-pub fn cutting_lines(world: &World, primitive: u32, patch_size: f64) -> Vec<Cut> {
+/// Length of a triangle's longest edge.
+pub fn longest_edge([a, b, c]: [Vec3; 3]) -> f64 {
+    f64::from((b - a).length().max((c - b).length()).max((a - c).length()))
+}
+
+/// The surfaces that may cut.
+pub struct Cutters {
+    /// Triangles of each shape that is a mesh, with the shape's index.
+    shapes: Vec<(usize, Vec<u32>)>,
+}
+
+impl Cutters {
+    /// All triangles with an edge longer than `longer_than`.
+    pub fn new(world: &World, longer_than: f64) -> Self {
+        let of_shape = |(index, shape): (usize, &crate::scene::Shape)| {
+            let ShapeSurface::Mesh(mesh) = &shape.surface else { return None };
+            let first = world.first_primitive(index);
+            let all = first..first + mesh.triangles.len() as u32;
+            let kept: Vec<u32> = all.filter(|&i| longest_edge(world.soup().corners(i as usize)) > longer_than).collect();
+            (!kept.is_empty()).then_some((index, kept))
+        };
+        Self { shapes: world.scene().shapes.iter().enumerate().filter_map(of_shape).collect() }
+    }
+}
+
+/// The lines along which `cutters` cut triangle `primitive`, the longest last. Lines on which less than half of `patch_size` stands
+/// are left out.
+pub fn cutting_lines(world: &World, cutters: &Cutters, primitive: u32, patch_size: f64) -> Vec<Cut> {
     let tolerance = TOUCH * f64::from(world.bounds().diagonal());
     let corners = world.soup().corners(primitive as usize);
     let plane = Plane::new(corners);
     let near = corners.into_iter().collect::<Bounds>().expanded(tolerance as f32);
     let mut segments = Vec::new();
-    for (shape, other) in world.scene().shapes.iter().enumerate() {
-        let ShapeSurface::Mesh(mesh) = &other.surface else { continue };
-        if mesh.triangles.is_empty() || !world.shape_bounds(shape).overlaps(&near) {
+    for (shape, triangles) in &cutters.shapes {
+        if !world.shape_bounds(*shape).overlaps(&near) {
             continue;
         }
-        let first = world.first_primitive(shape);
-        for candidate in first..first + mesh.triangles.len() as u32 {
-            if candidate == primitive {
-                continue;
-            }
+        for &candidate in triangles.iter().filter(|&&t| t != primitive) {
             let other = world.soup().corners(candidate as usize);
             if other.into_iter().collect::<Bounds>().overlaps(&near) {
                 segments.extend(segment(&plane, other, tolerance));
@@ -138,8 +159,8 @@ pub fn cutting_lines(world: &World, primitive: u32, patch_size: f64) -> Vec<Cut>
     merge(&plane, segments, patch_size)
 }
 
-/// Where a triangle crosses or touches the plane, clipped to the plane's own triangle.
-fn segment(plane: &Plane, corners: [Vec3; 3], tolerance: f64) -> Option<[Point; 2]> {
+/// Where a triangle crosses or touches the plane, its stretch clipped to the plane's own triangle.
+fn segment(plane: &Plane, corners: [Vec3; 3], tolerance: f64) -> Option<Cut> {
     let p = corners.map(|c| c.as_dvec3());
     let d = p.map(|p| {
         let d = (p - plane.origin).dot(plane.normal);
@@ -158,7 +179,11 @@ fn segment(plane: &Plane, corners: [Vec3; 3], tolerance: f64) -> Option<[Point; 
         }
     }
     match ends[..] {
-        [a, b] => clip_to_triangle(plane.barycentric(a), plane.barycentric(b)),
+        [a, b] => {
+            let [from, to] = clip_to_triangle(plane.barycentric(a), plane.barycentric(b))?;
+            // What counts is how much stands on the line, also beyond this triangle: a wall may cross just its corner.
+            Some(Cut { line: Line::through(from, to), from, to, length: (a - b).length() })
+        }
         _ => None,
     }
 }
@@ -183,19 +208,17 @@ fn clip_to_triangle(p: Point, q: Point) -> Option<[Point; 2]> {
 }
 
 /// Segments on one line are one cut; lines on which too little stands are dropped.
-fn merge(plane: &Plane, segments: Vec<[Point; 2]>, patch_size: f64) -> Vec<Cut> {
+fn merge(plane: &Plane, segments: Vec<Cut>, patch_size: f64) -> Vec<Cut> {
     let mut cuts: Vec<Cut> = Vec::new();
-    let mut keyed: Vec<Cut> = segments
-        .into_iter()
-        .map(|[from, to]| Cut { line: Line::through(from, to), from, to, length: plane.length(from, to) })
-        .filter(|cut| cut.length > 1e-6 * patch_size && cut.line.a.is_finite() && cut.line.b.is_finite())
-        .collect();
-    keyed.sort_by(|a, b| b.length.total_cmp(&a.length));
+    let long_enough = |cut: &Cut| plane.length(cut.from, cut.to) > 1e-6 * patch_size && cut.line.a.is_finite() && cut.line.b.is_finite();
+    let mut keyed: Vec<Cut> = segments.into_iter().filter(long_enough).collect();
+    // The longest stretch inside gives the line its direction.
+    keyed.sort_by(|a, b| plane.length(b.from, b.to).total_cmp(&plane.length(a.from, a.to)));
     for cut in keyed {
         let same = |other: &&mut Cut| {
-            // Both ends within a hundredth of a patch of the other's line.
+            // Both ends within a thousandth of a patch of the other's line.
             let off = |p: Point| plane_distance(plane, &other.line, p);
-            off(cut.from) < 0.01 * patch_size && off(cut.to) < 0.01 * patch_size
+            off(cut.from) < 1e-3 * patch_size && off(cut.to) < 1e-3 * patch_size
         };
         if let Some(other) = cuts.iter_mut().find(same) {
             other.absorb(&cut);

@@ -14,7 +14,11 @@ use crate::math::{Rgb, Vec2, Vec3, warp};
 use crate::scene::ShapeSurface;
 use crate::world::{SurfaceInteraction, World};
 use std::f64::consts::PI;
+use cuts::Cutters;
 use subdivide::{NO_PIECE, SplitTree};
+
+/// Triangles with no edge longer than this many patch sizes are never cut.
+const SMALLEST_CUT: f64 = 1.0 / 64.0;
 
 /// Index of a patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -131,9 +135,12 @@ impl PatchMesh {
             trees: Vec::new(),
             tree_elements: Vec::new(),
         };
+        // Anything may cut a large triangle; a small one is cut only by large ones, since two fine meshes that touch would make
+        // as many patches as triangles.
+        let cutters = [Cutters::new(world, 0.0), Cutters::new(world, 0.5 * patch_size)];
         for (index, shape) in world.scene().shapes.iter().enumerate().filter(|(i, _)| relevant[*i]) {
             match &shape.surface {
-                ShapeSurface::Mesh(_) => mesh.add_mesh(world, index),
+                ShapeSurface::Mesh(_) => mesh.add_mesh(world, index, &cutters),
                 ShapeSurface::Sphere(_) => mesh.add_sphere(world, index),
             }
         }
@@ -162,38 +169,42 @@ impl PatchMesh {
         self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
     }
 
-    fn add_mesh(&mut self, world: &World, shape: usize) {
+    fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2]) {
         let ShapeSurface::Mesh(mesh) = &world.scene().shapes[shape].surface else { return };
         let first = world.first_primitive(shape);
-        let large = |i: u32| {
-            let [a, b, c] = world.soup().corners(i as usize);
-            let longest = (b - a).length().max((c - b).length()).max((a - c).length());
-            f64::from(longest) > self.patch_size
-        };
+        let edge = |i: u32| cuts::longest_edge(world.soup().corners(i as usize));
         let all = first..first + mesh.triangles.len() as u32;
-        let (large, small): (Vec<u32>, Vec<u32>) = all.partition(|&i| large(i));
-        for (primitive, tree) in subdivide::split_all(world, &large, self.patch_size) {
-            let base = self.tree_elements.len() as u32;
-            let elements: Vec<u32> = tree
-                .leaves
-                .iter()
-                .map(|polygon| {
-                    let fan = (1..polygon.len() - 1).map(|k| [polygon[0], polygon[k], polygon[k + 1]]);
-                    let pieces = fan.map(|corners| Piece::Triangle { primitive, corners: corners.map(|c| [c[0] as f32, c[1] as f32]) });
-                    self.add_element(pieces)
-                })
-                .collect();
-            self.tree_elements.extend(elements);
-            self.lookups[primitive as usize] = Lookup::Split { tree: self.trees.len() as u32 };
-            self.trees.push(tree.without_leaves(base));
+        let (large, small): (Vec<u32>, Vec<u32>) = all.partition(|&i| edge(i) > self.patch_size);
+        for (primitive, tree) in subdivide::split_all(world, any_cutter, &large, self.patch_size) {
+            self.add_tree(primitive, tree);
         }
-        for group in cluster::group(world, &small, self.patch_size) {
+        // A leak through a triangle this small is beyond what any patch resolves.
+        let (crossing, tiny): (Vec<u32>, Vec<u32>) = small.into_iter().partition(|&i| edge(i) > SMALLEST_CUT * self.patch_size);
+        let mut divided = subdivide::split_divided(world, large_cutters, &crossing, self.patch_size);
+        for (primitive, tree) in divided.drain(..) {
+            self.add_tree(primitive, tree);
+        }
+        let undivided = |i: &u32| matches!(self.lookups[*i as usize], Lookup::None);
+        let whole: Vec<u32> = crossing.into_iter().filter(undivided).chain(tiny).collect();
+        for group in cluster::group(world, &whole, self.patch_size) {
             let whole = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
             let element = self.add_element(group.iter().map(|&primitive| Piece::Triangle { primitive, corners: whole }));
             for primitive in group {
                 self.lookups[primitive as usize] = Lookup::Whole(element);
             }
         }
+    }
+
+    fn add_tree(&mut self, primitive: u32, tree: SplitTree) {
+        let base = self.tree_elements.len() as u32;
+        for polygon in &tree.leaves {
+            let fan = (1..polygon.len() - 1).map(|k| [polygon[0], polygon[k], polygon[k + 1]]);
+            let pieces = fan.map(|corners| Piece::Triangle { primitive, corners: corners.map(|c| [c[0] as f32, c[1] as f32]) });
+            let element = self.add_element(pieces);
+            self.tree_elements.push(element);
+        }
+        self.lookups[primitive as usize] = Lookup::Split { tree: self.trees.len() as u32 };
+        self.trees.push(tree.without_leaves(base));
     }
 
     /// A grid of cells of equal area: rows of equal height, columns of equal angle (Archimedes).

@@ -3,7 +3,7 @@
 //! The pieces of one triangle are the leaves of a binary tree of lines in its barycentric plane, so that the piece under a hit is
 //! found in a few steps.
 
-use super::cuts::{self, Line};
+use super::cuts::{self, Cutters, Line};
 use crate::math::Vec3;
 use crate::world::World;
 use rayon::prelude::*;
@@ -60,16 +60,30 @@ impl SplitTree {
     }
 }
 
-/// Splits each of `primitives` (triangles); in the order given.
-pub fn split_all(world: &World, primitives: &[u32], patch_size: f64) -> Vec<(u32, SplitTree)> {
+/// Splits each of `primitives` (triangles) along what cuts it and by the grid; in the order given.
+pub fn split_all(world: &World, cutters: &Cutters, primitives: &[u32], patch_size: f64) -> Vec<(u32, SplitTree)> {
     primitives
         .par_iter()
         .map(|&primitive| {
             let corners = world.soup().corners(primitive as usize);
-            let lines = cuts::cutting_lines(world, primitive, patch_size);
+            let lines = cuts::cutting_lines(world, cutters, primitive, patch_size);
             (primitive, split(corners, &lines, patch_size))
         })
         .collect()
+}
+
+/// Splits those of `primitives`, smaller than a patch, that a cutter divides: their parts may lie in different rooms.
+pub fn split_divided(world: &World, cutters: &Cutters, primitives: &[u32], patch_size: f64) -> Vec<(u32, SplitTree)> {
+    let split_one = |primitive: u32| {
+        let corners = world.soup().corners(primitive as usize);
+        let lines = cuts::cutting_lines(world, cutters, primitive, patch_size);
+        if lines.is_empty() {
+            return None;
+        }
+        let tree = split(corners, &lines, patch_size);
+        (tree.leaves.len() > 1).then_some((primitive, tree))
+    };
+    primitives.par_iter().filter_map(|&p| split_one(p)).collect()
 }
 
 /// Splits one triangle along `lines` and then by the grid.

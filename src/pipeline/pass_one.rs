@@ -135,14 +135,11 @@ fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFa
 fn balance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix, irradiance: &[Rgb]) -> PowerBalance {
     let total = |v: Rgb| v.r + v.g + v.b;
     let emitted = total(world.scene().power());
-    let by_shadow_rays = patches.found_by_shadow_rays(world);
     let (mut absorbed, mut escaped) = (0.0, 0.0);
     for i in 0..patches.len() {
         let (rho, h, a) = (patches.rho[i], irradiance[i], patches.area[i]);
         absorbed += a * total((Rgb::WHITE - rho) * h);
-        // What shadow rays do not account for leaves by the form factors of what is reflected or glows.
-        let leaves = rho * h + if by_shadow_rays[i] { Rgb::BLACK } else { patches.exitance[i] };
-        escaped += a * total(form_factors.escaped(i) * leaves);
+        escaped += a * total(form_factors.escaped(i) * (rho * h + patches.exitance[i]));
     }
     let unaccounted = if emitted > 0.0 { (emitted - absorbed - escaped) / emitted } else { 0.0 };
     PowerBalance { emitted, absorbed, escaped, unaccounted }

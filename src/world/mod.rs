@@ -16,10 +16,7 @@ use crate::math::{Vec2, Vec3};
 use crate::scene::{Scene, Shape, ShapeSurface};
 use std::sync::Arc;
 
-/// Relative bound on the rounding of a hit point, in units of the largest coordinate of its primitive.
-///
-/// The point itself is rounded once from f64 (half an ulp, 2^-24). The watertight test rounds vertex minus origin, the shear and
-/// the weighted sum of depths; eight ulps cover its chain of operations for rays that leave the surface.
+/// Relative bound on the rounding of a hit point on a sphere, in units of the largest coordinate: eight ulps.
 const POINT_ERROR: f32 = 4.0 * f32::EPSILON;
 
 /// Scene, primitives and tree. Immutable; shared by all threads.
@@ -184,7 +181,7 @@ impl World {
                 uv = (p * w + q * u + r * v).as_vec2();
             }
         }
-        let error = a.abs().max(b.abs()).max(c.abs()) * POINT_ERROR;
+        let error = Vec3::splat(triangle::leaving_error(a, b, c));
         SurfaceInteraction::new(mix(a, b, c).as_vec3(), error, ng, ns, uv, weights, shape as u32, primitive, wo)
     }
 
@@ -193,7 +190,7 @@ impl World {
     pub fn on_sphere(&self, primitive: u32, n: Vec3, wo: Vec3, t: f32) -> SurfaceInteraction {
         let sphere = self.soup.spheres[primitive as usize - self.soup.triangles.len()];
         let point = (sphere.center.as_dvec3() + n.as_dvec3() * f64::from(sphere.radius)).as_vec3();
-        let error = (sphere.center.abs() + sphere.radius) * POINT_ERROR;
+        let error = Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * POINT_ERROR);
         let phi = n.y.atan2(n.x).rem_euclid(std::f32::consts::TAU);
         let uv = Vec2::new(phi / std::f32::consts::TAU, n.z.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
         let place = (f64::from(uv.x), f64::from(n.z));
