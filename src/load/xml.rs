@@ -408,10 +408,18 @@ fn depth_error(place: &Place, limit: usize) -> LoadError {
 }
 
 fn syntax_error(error: &roxmltree::Error, source: &Arc<SourceText>, nodes: u32) -> LoadError {
-    let at = error.pos();
-    // Line and column to offset, for the span.
-    let line_start: usize = source.text.split_inclusive('\n').take(at.row as usize - 1).map(str::len).sum();
-    let in_line = source.text[line_start..].chars().take((at.col as usize).saturating_sub(1)).map(char::len_utf8).sum::<usize>();
+    use roxmltree::Error::{NoRootNode, UnclosedRootNode, UnexpectedEndOfStream};
+    let text = &source.text;
+    let offset = match error {
+        // The parser has no place for what is missing at the end.
+        NoRootNode | UnclosedRootNode | UnexpectedEndOfStream => text.len(),
+        _ => {
+            let at = error.pos();
+            let line_start: usize = text.split_inclusive('\n').take(at.row as usize - 1).map(str::len).sum();
+            let before = (at.col as usize).saturating_sub(1);
+            line_start + text[line_start..].chars().take(before).map(char::len_utf8).sum::<usize>()
+        }
+    };
     let kind = match error {
         roxmltree::Error::NodesLimitReached => {
             let (limit, found) = (u64::from(nodes), u64::from(nodes) + 1);
@@ -425,5 +433,5 @@ fn syntax_error(error: &roxmltree::Error, source: &Arc<SourceText>, nodes: u32) 
             LoadErrorKind::Malformed { expected: "well-formed XML".to_owned(), found }
         }
     };
-    LoadError { file: source.path.clone(), at: Some(position(source.text.as_bytes(), line_start + in_line)), kind }
+    LoadError { file: source.path.clone(), at: Some(position(text.as_bytes(), offset)), kind }
 }

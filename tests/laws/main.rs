@@ -1,0 +1,4 @@
+//! Laws across modules, a line a module.
+
+mod bad_input;
+mod loading;
