@@ -433,5 +433,5 @@ fn syntax_error(error: &roxmltree::Error, source: &Arc<SourceText>, nodes: u32) 
             LoadErrorKind::Malformed { expected: "well-formed XML".to_owned(), found }
         }
     };
-    LoadError { file: source.path.clone(), at: Some(position(text.as_bytes(), offset)), kind }
+    LoadError { file: source.path.as_path().into(), at: Some(position(text.as_bytes(), offset)), kind }
 }
