@@ -66,7 +66,7 @@ pub struct Limits {
     pub mesh_bytes: u64,
     /// Bytes of one image file.
     pub image_bytes: u64,
-    /// Pixels of one image.
+    /// Pixels of one image, which take 12 bytes each.
     pub image_pixels: u64,
     /// Pixels of the film.
     pub film_pixels: u64,
@@ -82,7 +82,7 @@ impl Default for Limits {
             xml_nodes: 2_000_000,
             mesh_bytes: 8 << 30,
             image_bytes: 1 << 30,
-            image_pixels: 16_384 * 16_384,
+            image_pixels: 1 << 27,
             film_pixels: 16_384 * 16_384,
         }
     }
