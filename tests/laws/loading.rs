@@ -20,7 +20,7 @@ pub const SENSOR: &str = r#"<sensor type="perspective"><float name="fov" value="
 impl Fixture {
     /// A scene of the given elements besides [`SENSOR`].
     pub fn new(body: &str) -> Self {
-        Self::whole(&format!("<scene version=\"3.0.0\">{SENSOR}{body}</scene>"))
+        Self::whole(format!("<scene version=\"3.0.0\">{SENSOR}{body}</scene>"))
     }
 
     /// A scene file with exactly this text.
