@@ -316,3 +316,80 @@ fn a_scene_without_light_loads_with_a_warning() {
     let scene = Fixture::new("<shape type='cube'/>").scene();
     assert!(scene.warnings.iter().any(|w| w.contains("no light")), "{:?}", scene.warnings);
 }
+
+/// A scene that reads every kind of file, as (name, contents).
+fn rich_scene() -> Vec<(&'static str, Vec<u8>)> {
+    let body = "<default name='r' value='0.5'/><include filename='part.xml'/>
+        <bsdf type='twosided' id='a'><bsdf type='roughplastic'><float name='alpha' value='0.2'/><texture type='bitmap'
+        name='diffuse_reflectance'><string name='filename' value='t.png'/></texture></bsdf></bsdf>
+        <shape type='obj'><string name='filename' value='m.obj'/><ref id='a'/></shape>
+        <shape type='ply'><string name='filename' value='m.ply'/><emitter type='area'><rgb name='radiance' value='1 2 3'/></emitter></shape>
+        <shape type='sphere'><point name='center' x='1' y='$r' z='2'/><transform name='to_world'><rotate y='1' angle='30'/><scale
+        value='2'/></transform><bsdf type='conductor'><rgb name='eta' value='1'/></bsdf></shape>
+        <emitter type='envmap'><string name='filename' value='e.exr'/></emitter>";
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::RgbImage::from_fn(9, 7, |x, y| image::Rgb([x as u8 * 20, y as u8 * 30, 77]))
+        .write_to(&mut png, image::ImageFormat::Png)
+        .expect("encodes");
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let exr = folder.path().join("e.exr");
+    exr::prelude::write_rgb_file(&exr, 8, 4, |x, y| (x as f32, y as f32, 1.0_f32)).expect("written");
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0.5\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/1/1\nf -1 -2 -3\n";
+    let mut ply =
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+            .to_vec();
+    [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0].iter().for_each(|v| ply.extend(v.to_le_bytes()));
+    for face in [[0_i32, 1, 2], [0, 2, 3]] {
+        ply.push(3);
+        face.iter().for_each(|v| ply.extend(v.to_le_bytes()));
+    }
+    vec![
+        ("scene.xml", format!("<scene version=\"3.0.0\">{SENSOR}{body}</scene>").into_bytes()),
+        ("part.xml", b"<scene version='3.0.0'><shape type='cube'><bsdf type='dielectric'/></shape></scene>".to_vec()),
+        ("m.obj", obj.as_bytes().to_vec()),
+        ("m.ply", ply),
+        ("t.png", png.into_inner()),
+        ("e.exr", std::fs::read(exr).expect("read back")),
+    ]
+}
+
+#[test]
+fn damaged_files_end_in_an_error_or_a_scene_but_never_in_a_panic() {
+    let files = rich_scene();
+    let mut fixture = Fixture::whole("");
+    for (name, contents) in &files {
+        fixture = fixture.with(name, contents);
+    }
+    fixture.load().unwrap_or_else(|e| panic!("the undamaged scene: {e}"));
+    // Numbers by a linear congruence (Knuth's MMIX constants), so that a failure can be repeated.
+    let mut state = 1_u64;
+    let mut random = |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    for round in 0..500 {
+        let (name, contents) = &files[random(files.len())];
+        let mut damaged = contents.clone();
+        for _ in 0..=random(3) {
+            let (at, other) = (random(damaged.len()), random(contents.len()));
+            match random(5) {
+                0 => damaged[at] ^= 1 << random(8),
+                1 => damaged.truncate(at.max(1)),
+                2 => damaged[at] = random(256) as u8,
+                3 => drop(damaged.splice(at..at, contents[other..].iter().take(20).copied())),
+                _ => drop(damaged.splice(at..(at + 1 + random(10)).min(damaged.len()), [])),
+            }
+            if damaged.is_empty() {
+                damaged.push(0);
+            }
+        }
+        fixture = fixture.with(name, &damaged);
+        let start = std::time::Instant::now();
+        if let Err(error) = fixture.load() {
+            assert!(!error.to_string().is_empty());
+        }
+        assert!(start.elapsed().as_secs_f64() < 1.0, "round {round}, {name}");
+        fixture = fixture.with(name, contents);
+    }
+}
