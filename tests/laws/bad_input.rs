@@ -59,6 +59,13 @@ fn document_types_are_refused() {
 }
 
 #[test]
+fn values_that_contain_values_do_not_explode() {
+    let body: String = (1..40).map(|i| format!("<default name='p{i}' value='{}'/>", format!("$p{}", i - 1).repeat(8))).collect();
+    let error = fault(&Fixture::new(&format!("<default name='p0' value='ha'/>{body}")));
+    check(&error, Fault::OverLimit, "bytes that replace parameters", "laughs");
+}
+
+#[test]
 fn deep_nesting_is_refused_before_it_is_parsed() {
     let nest = |n: usize| format!("<scene version='3.0.0'>{}{}</scene>", "<bsdf type='twosided'>".repeat(n), "</bsdf>".repeat(n));
     for n in [256, 257, 20_000, 500_000] {
@@ -110,6 +117,18 @@ fn paths_outside_the_folder_need_permission() {
             assert!(fixture.load().is_ok(), "{name} with permission");
         }
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn the_scene_file_itself_may_be_a_link() {
+    let target = Fixture::new("<shape type='cube'/>");
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let link = folder.path().join("scene.xml");
+    std::os::unix::fs::symlink(target.path(), &link).expect("linked");
+    let loaded = twopass::load::load_scene(&link, &Default::default()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(loaded.hash, target.load().expect("valid").hash);
+    assert_eq!(loaded.scene.name, folder.path().file_name().expect("a name").to_string_lossy());
 }
 
 #[test]
@@ -309,6 +328,30 @@ fn files_over_their_size_are_not_read() {
     let mut fixture = Fixture::new(&"<shape type='cube'/>".repeat(50));
     fixture.options.limits.xml_nodes = 50;
     check(&fault(&fixture), Fault::OverLimit, "XML nodes", "50 nodes");
+}
+
+#[test]
+fn many_of_anything_takes_linear_time() {
+    let n = 50_000;
+    let many = |f: &dyn Fn(usize) -> String| (0..n).map(f).collect::<String>();
+    let attributes = format!("<shape type='cube' {}/>", many(&|i| format!("a{i}='1' ")));
+    let refused = [attributes, many(&|i| format!("<float name='f{i}' value='1'/>"))];
+    for body in &refused {
+        fault(&Fixture::new(body));
+    }
+    let accepted = [
+        many(&|i| format!("<bsdf type='diffuse' name='n{i}' id='i{i}'/>")),
+        many(&|i| format!("<default name='d{i}' value='$d{}'/>", i.saturating_sub(1))).replace("'$d0'", "'1'"),
+        many(&|i| format!("<alias id='x' as='y{i}'/>")) + "<bsdf type='diffuse' id='x'/>",
+        many(&|_| "<emitter type='point'/>".to_owned()),
+    ];
+    for body in &accepted {
+        let fixture = Fixture::new(body);
+        let start = std::time::Instant::now();
+        fixture.load().unwrap_or_else(|e| panic!("{e}"));
+        let seconds = start.elapsed().as_secs_f64();
+        assert!(seconds < 5.0, "{seconds} s for {}...", &body[..60]);
+    }
 }
 
 #[test]
