@@ -96,12 +96,7 @@ impl<'a> Loader<'a> {
     }
 
     fn child_texture(&mut self, property: &'a Property, purpose: Use) -> Result<Texture, LoadError> {
-        let object = match &property.value {
-            Value::Object(object) => Some(object),
-            Value::Reference(id) => self.ids.get(id.as_str()).copied(),
-            _ => None,
-        };
-        let object = object.filter(|o| o.class == Class::TEXTURE).ok_or_else(|| property.must_be("a colour or a texture"))?;
+        let object = self.texture_of(property).ok_or_else(|| property.must_be("a colour or a texture"))?;
         let texture = self.texture_object(object)?;
         if let Texture::Bitmap(bitmap) = &texture
             && let Some(i) = bitmap.texels.iter().position(|t| purpose.check((*t).into()).is_err())
@@ -111,6 +106,16 @@ impl<'a> Loader<'a> {
             return Err(property.place.error(LoadErrorKind::Value { name: property.name.clone(), expected, found }));
         }
         Ok(texture)
+    }
+
+    /// The `<texture>` that a property holds or refers to.
+    pub fn texture_of(&self, property: &'a Property) -> Option<&'a Object> {
+        let object = match &property.value {
+            Value::Object(object) => object,
+            Value::Reference(id) => self.ids.get(id.as_str()).copied()?,
+            _ => return None,
+        };
+        (object.class == Class::TEXTURE).then_some(object)
     }
 
     /// The texture that a `<texture>` element describes.

@@ -211,3 +211,14 @@ fn textures_of_one_file_are_decoded_once() {
     };
     assert!(std::sync::Arc::ptr_eq(&texels(0), &texels(1)));
 }
+
+#[test]
+fn textures_may_be_referred_to_and_emitting_ones_are_averaged() {
+    let body = "<texture type='checkerboard' id='t'><rgb name='color0' value='1'/><rgb name='color1' value='0'/></texture>
+        <bsdf type='diffuse' id='a'><ref name='reflectance' id='t'/></bsdf>
+        <shape type='rectangle'><ref id='a'/><emitter type='area' id='lamp'><ref name='radiance' id='t'/></emitter></shape>";
+    let scene = scene(body);
+    assert_eq!(reflectance(&scene, 0.1, 0.1), Rgb::WHITE);
+    assert_eq!(scene.shapes[0].emission, Rgb::grey(0.5));
+    assert!(scene.warnings.iter().any(|w| w.contains("lamp")), "{:?}", scene.warnings);
+}
