@@ -2,7 +2,7 @@
 
 use super::error::{LoadError, LoadErrorKind};
 use super::mitsuba::{Loader, unknown_plugin};
-use super::object::{Class, Object, Value};
+use super::object::{Object, Value};
 use crate::math::{DVec3, Rgb};
 use std::f64::consts::PI;
 
@@ -70,11 +70,11 @@ impl<'a> Loader<'a> {
         let value = match &property.value {
             Value::Rgb(value) => *value,
             Value::Uniform(value) => EQUAL_ENERGY * *value,
-            Value::Object(texture) if texture.class == Class::TEXTURE => {
+            _ => {
+                let texture = self.texture_of(property).ok_or_else(|| property.must_be("an rgb, a spectrum or a texture"))?;
                 self.warnings.push(format!("{}: textured {name} is rendered as the texture's mean", emitter.describe()));
                 self.texture_object(texture)?.mean()
             }
-            _ => return Err(property.must_be("an rgb or a spectrum")),
         };
         if value.is_finite() && value.min() >= 0.0 {
             Ok(value)

@@ -2,7 +2,7 @@
 
 use crate::scene::SceneError;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A place in a text file.
@@ -20,11 +20,10 @@ pub struct Position {
 #[derive(Debug, thiserror::Error)]
 pub struct LoadError {
     /// File in which the fault lies.
-    pub file: PathBuf,
+    pub file: Box<Path>,
     /// Place in it; `None` when the file as a whole is at fault, or is binary.
     pub at: Option<Position>,
     /// What is wrong.
-    #[source]
     pub kind: LoadErrorKind,
 }
 
@@ -187,7 +186,7 @@ impl LoadErrorKind {
     }
 
     /// The error without a place inside `file`.
-    pub(super) fn in_file(self, file: impl Into<PathBuf>) -> LoadError {
+    pub(super) fn in_file(self, file: &Path) -> LoadError {
         LoadError { file: file.into(), at: None, kind: self }
     }
 }
@@ -213,7 +212,7 @@ pub(super) struct Place {
 impl Place {
     /// The error `kind` at this place.
     pub fn error(&self, kind: LoadErrorKind) -> LoadError {
-        LoadError { file: self.source.path.clone(), at: Some(position(self.source.text.as_bytes(), self.offset)), kind }
+        LoadError { file: self.source.path.as_path().into(), at: Some(position(self.source.text.as_bytes(), self.offset)), kind }
     }
 }
 

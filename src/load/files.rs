@@ -10,18 +10,19 @@ use std::sync::Mutex;
 /// The files of one scene.
 #[derive(Debug)]
 pub(super) struct Files {
-    root: PathBuf,
+    /// The scene file's folder, without links.
+    pub root: PathBuf,
     allowed: Vec<PathBuf>,
     pub limits: Limits,
-    /// Digest of every file read. Ordered by path, so that the order of reading does not matter.
+    /// Digest of every file read, by path without links.
     digests: Mutex<BTreeMap<PathBuf, u64>>,
 }
 
 impl Files {
     /// The files beside the scene file `main`.
-    pub fn new(main: &Path, options: &LoadOptions) -> Result<Files, LoadErrorKind> {
+    pub fn beside(main: &Path, options: &LoadOptions) -> Result<Files, LoadErrorKind> {
         let parent = main.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let root = canonical(parent).map_err(|_| missing(main))?;
+        let root = canonical(parent)?;
         let allowed = options.allow_paths.iter().map(|p| canonical(p)).collect::<Result<_, _>>()?;
         Ok(Files { root, allowed, limits: options.limits, digests: Mutex::default() })
     }
@@ -54,8 +55,7 @@ impl Files {
         if bytes.len() as u64 > limit {
             return Err(over(bytes.len() as u64));
         }
-        let name = path.strip_prefix(&self.root).unwrap_or(path).to_owned();
-        self.digests.lock().expect("no holder of this lock panics").insert(name, digest(&bytes));
+        self.digests.lock().expect("no holder of this lock panics").insert(path.to_owned(), digest(&bytes));
         Ok(bytes)
     }
 
@@ -83,20 +83,22 @@ impl Files {
             put(name.as_bytes());
             put(value.as_bytes());
         }
-        for (path, digest) in &digests {
-            put(path.as_os_str().as_encoded_bytes());
+        // What lies outside the scene's folder goes by its bare name, so that the hash is the same on any machine.
+        let bare = |path: &Path| path.file_name().map(PathBuf::from).unwrap_or_default();
+        let name = |path: &Path| path.strip_prefix(&self.root).map_or_else(|_| bare(path), Path::to_owned);
+        let mut named: Vec<_> = digests.iter().map(|(path, digest)| (name(path), *digest)).collect();
+        named.sort();
+        for (name, digest) in named {
+            put(name.as_os_str().as_encoded_bytes());
             put(&digest.to_le_bytes());
         }
-        (digest(&all), digests.into_keys().map(|p| self.root.join(p)).collect())
+        (digest(&all), digests.into_keys().collect())
     }
 }
 
-fn canonical(path: &Path) -> Result<PathBuf, LoadErrorKind> {
+/// The path without links, if there is such a file or folder.
+pub(super) fn canonical(path: &Path) -> Result<PathBuf, LoadErrorKind> {
     path.canonicalize().map_err(|e| LoadErrorKind::Unreadable { path: path.into(), reason: e.to_string() })
-}
-
-fn missing(path: &Path) -> LoadErrorKind {
-    LoadErrorKind::Unreadable { path: path.into(), reason: "no such file or folder".to_owned() }
 }
 
 /// 64-bit digest over words of eight bytes by folded multiplication (as in wyhash). Against accidents, not against intent.

@@ -3,14 +3,13 @@
 use super::error::{LoadError, LoadErrorKind, Place, near};
 use super::files::Files;
 use super::object::{Class, Ids, Object};
-use super::picture::Picture;
 use super::shapes::PendingShape;
+use super::textures::{self, Pictures};
 use crate::material::{MaterialId, Surface};
 use crate::math::{DVec3, Rgb};
 use crate::scene::SceneSource;
 use rayon::prelude::*;
 use std::collections::HashMap;
-use std::path::PathBuf;
 
 /// What is known of a scene while it is read.
 pub(super) struct Loader<'a> {
@@ -26,7 +25,7 @@ pub(super) struct Loader<'a> {
     pub building: Vec<*const Object>,
     /// Materials of shapes without one: not emitting, emitting.
     pub default_materials: [Option<MaterialId>; 2],
-    pub pictures: HashMap<(PathBuf, bool), Picture>,
+    pub pictures: Pictures,
     pub point_lights: Vec<(DVec3, Rgb)>,
     pub environment: Option<Rgb>,
     pub made_ids: u32,
@@ -49,7 +48,7 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         material_of: HashMap::new(),
         building: Vec::new(),
         default_materials: [None; 2],
-        pictures: HashMap::new(),
+        pictures: textures::decode_all(root, files),
         point_lights: Vec::new(),
         environment: None,
         made_ids: 0,

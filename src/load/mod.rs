@@ -6,8 +6,8 @@
 //! # Ok::<(), twopass::load::LoadError>(())
 //! ```
 //!
-//! The way of a file: [`scan`] (how deep it nests), [`xml`] (text to typed properties), [`mitsuba`] and its siblings (properties to
-//! a [`SceneSource`](crate::scene::SceneSource)), [`Scene::new`]. A property that nobody asks for is an error, and so is a file
+//! The way of a file: `scan` (how deep it nests), `xml` (text to typed properties), `mitsuba` and its siblings (properties to a
+//! [`SceneSource`](crate::scene::SceneSource)), [`Scene::new`]. A property that nobody asks for is an error, and so is a file
 //! outside the scene's folder. Limits are checked before memory is taken.
 
 mod bsdf;
@@ -54,6 +54,8 @@ pub struct LoadOptions {
 pub struct Limits {
     /// Depth of nested elements, over all includes.
     pub depth: usize,
+    /// Attributes of one element; those with a meaning have four at most.
+    pub attributes: usize,
     /// Depth of `<include>`; Mitsuba's limit is the same.
     pub include_depth: usize,
     /// Number of `<include>`.
@@ -66,7 +68,7 @@ pub struct Limits {
     pub mesh_bytes: u64,
     /// Bytes of one image file.
     pub image_bytes: u64,
-    /// Pixels of one image.
+    /// Pixels of one image, which take 12 bytes each.
     pub image_pixels: u64,
     /// Pixels of the film.
     pub film_pixels: u64,
@@ -76,13 +78,14 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             depth: 256,
+            attributes: 256,
             include_depth: 15,
             includes: 1000,
             xml_bytes: 64 << 20,
             xml_nodes: 2_000_000,
             mesh_bytes: 8 << 30,
             image_bytes: 1 << 30,
-            image_pixels: 16_384 * 16_384,
+            image_pixels: 1 << 27,
             film_pixels: 16_384 * 16_384,
         }
     }
@@ -105,12 +108,12 @@ pub struct LoadedScene {
 /// [`LoadError`] with file, place, and what was expected there.
 pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, LoadError> {
     let in_file = |kind: LoadErrorKind| kind.in_file(path);
-    let files = Files::new(path, options).map_err(in_file)?;
-    let main = path.file_name().and_then(|n| n.to_str()).map(|name| files.resolve(name));
-    let main = main.unwrap_or_else(|| files.resolve(".")).map_err(in_file)?;
+    let files = Files::beside(path, options).map_err(in_file)?;
+    // The file itself was named by the user: it may be a link to anywhere.
+    let main = files::canonical(path).map_err(in_file)?;
     let tree = Tree::read(&files, &main, &options.defines)?;
     let ids = tree.index()?;
-    let mitsuba::Parts { source, places } = mitsuba::scene(&tree.root, &ids, &files, scene_name(&main))?;
+    let mitsuba::Parts { source, places } = mitsuba::scene(&tree.root, &ids, &files, scene_name(path, &files.root))?;
     let shape_ids: Vec<String> = source.shapes.iter().map(|s| s.id.clone()).collect();
     let scene = Scene::new(source).map_err(|fault| at_shape(fault, &shape_ids, &places, &main))?;
     let (hash, files) = files.summary(&options.defines);
@@ -118,8 +121,8 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, Loa
 }
 
 /// The folder's name for a `scene.xml`, else the file's without its extension.
-fn scene_name(path: &Path) -> String {
-    let folder = path.parent().and_then(Path::file_name).filter(|_| path.file_name().is_some_and(|n| n == "scene.xml"));
+fn scene_name(path: &Path, folder: &Path) -> String {
+    let folder = folder.file_name().filter(|_| path.file_name().is_some_and(|n| n == "scene.xml"));
     let name = folder.or_else(|| path.file_stem());
     name.map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned())
 }

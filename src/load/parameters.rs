@@ -2,16 +2,19 @@
 
 use super::error::{LoadErrorKind, near};
 use std::cell::Cell;
+use std::collections::BTreeMap;
 
 /// Parameters that have a value so far.
 #[derive(Debug)]
 pub(super) struct Parameters {
-    known: Vec<Parameter>,
+    known: BTreeMap<String, Parameter>,
+    /// Bytes that all replacements together may still make: values that contain values grow without bound.
+    left: Cell<u64>,
+    limit: u64,
 }
 
 #[derive(Debug)]
 struct Parameter {
-    name: String,
     value: String,
     /// The scene mentions it.
     used: Cell<bool>,
@@ -19,22 +22,17 @@ struct Parameter {
 }
 
 impl Parameters {
-    /// Parameters given on the command line; the last of equal names counts.
-    pub fn new(defines: &[(String, String)]) -> Self {
-        let mut known: Vec<Parameter> = Vec::new();
-        for (name, value) in defines {
-            known.retain(|p| p.name != *name);
-            known.push(Parameter { name: name.clone(), value: value.clone(), used: Cell::new(false), given: true });
-        }
-        Self { known }
+    /// Parameters given on the command line, of which the last of equal names counts; and a limit on the bytes made.
+    pub fn new(defines: &[(String, String)], limit: u64) -> Self {
+        let parameter = |value: &String| Parameter { value: value.clone(), used: Cell::new(false), given: true };
+        let known = defines.iter().map(|(name, value)| (name.clone(), parameter(value))).collect();
+        Self { known, left: Cell::new(limit), limit }
     }
 
     /// `<default>`: a value unless there is one.
     pub fn default(&mut self, name: String, value: String) {
-        match self.known.iter().find(|p| p.name == name) {
-            Some(parameter) => parameter.used.set(true),
-            None => self.known.push(Parameter { name, value, used: Cell::new(true), given: false }),
-        }
+        let new = || Parameter { value, used: Cell::new(true), given: false };
+        self.known.entry(name).or_insert_with(new).used.set(true);
     }
 
     /// `text` with every `$name` replaced. The name is the longest run of letters, digits and underscores.
@@ -44,8 +42,9 @@ impl Parameters {
         for piece in pieces {
             let end = piece.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(piece.len());
             let (name, rest) = piece.split_at(end);
-            let parameter = self.known.iter().find(|p| p.name == name).ok_or_else(|| self.undefined(name))?;
+            let parameter = self.known.get(name).ok_or_else(|| self.undefined(name))?;
             parameter.used.set(true);
+            self.spend(parameter.value.len() as u64)?;
             result.push_str(&parameter.value);
             result.push_str(rest);
         }
@@ -54,10 +53,20 @@ impl Parameters {
 
     /// An error if the command line gave a parameter that the scene does not have.
     pub fn all_used(&self) -> Result<(), LoadErrorKind> {
-        match self.known.iter().find(|p| !p.used.get()) {
+        match self.known.iter().find(|(_, p)| !p.used.get()) {
             None => Ok(()),
-            Some(p) => Err(LoadErrorKind::UnusedDefine { name: p.name.clone(), near: near(&p.name, self.names(false)) }),
+            Some((name, _)) => Err(LoadErrorKind::UnusedDefine { name: name.clone(), near: near(name, self.names(false)) }),
         }
+    }
+
+    fn spend(&self, bytes: u64) -> Result<(), LoadErrorKind> {
+        let over = || LoadErrorKind::OverLimit {
+            what: "bytes that replace parameters".to_owned(),
+            limit: self.limit,
+            found: self.limit - self.left.get() + bytes,
+        };
+        self.left.set(self.left.get().checked_sub(bytes).ok_or_else(over)?);
+        Ok(())
     }
 
     fn undefined(&self, name: &str) -> LoadErrorKind {
@@ -65,7 +74,7 @@ impl Parameters {
     }
 
     fn names(&self, given_too: bool) -> impl Iterator<Item = &str> {
-        self.known.iter().filter(move |p| given_too || !p.given || p.used.get()).map(|p| p.name.as_str())
+        self.known.iter().filter(move |(_, p)| given_too || !p.given || p.used.get()).map(|(name, _)| name.as_str())
     }
 }
 
@@ -76,7 +85,7 @@ mod tests {
     #[test]
     fn given_values_override_defaults_and_must_be_used() {
         let define = |n: &str, v: &str| (n.to_owned(), v.to_owned());
-        let mut p = Parameters::new(&[define("a", "1"), define("a", "2"), define("b", "3")]);
+        let mut p = Parameters::new(&[define("a", "1"), define("a", "2"), define("b", "3")], 100);
         p.default("a".to_owned(), "9".to_owned());
         p.default("c".to_owned(), "4".to_owned());
         assert_eq!(p.substitute("x$a,$c$c y").expect("known"), "x2,44 y");
@@ -84,5 +93,20 @@ mod tests {
         assert!(matches!(p.all_used(), Err(LoadErrorKind::UnusedDefine { name, .. }) if name == "b"));
         p.substitute("$b").expect("known");
         assert!(p.all_used().is_ok());
+    }
+
+    #[test]
+    fn values_within_values_are_bounded() {
+        let mut p = Parameters::new(&[], 1000);
+        p.default("a".to_owned(), "ha".to_owned());
+        let error = (0..10).find_map(|_| match p.substitute("$a$a$a$a") {
+            Ok(value) => {
+                p.known.clear();
+                p.default("a".to_owned(), value);
+                None
+            }
+            Err(error) => Some(error),
+        });
+        assert!(matches!(error, Some(LoadErrorKind::OverLimit { limit: 1000, .. })), "{error:?}");
     }
 }

@@ -19,12 +19,7 @@ const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
 /// Decodes PNG, JPEG or OpenEXR. Integer files are sRGB unless `raw`; EXR is linear. An alpha channel is dropped.
 pub(super) fn decode(bytes: &[u8], path: &Path, raw: bool, limits: &Limits) -> Result<Picture, LoadErrorKind> {
-    let picture = if bytes.starts_with(&EXR_MAGIC) { exr(bytes, path, limits)? } else { integer(bytes, path, raw, limits)? };
-    if let Some(i) = picture.texels.iter().position(|t| t.iter().any(|v| !v.is_finite())) {
-        let found = format!("one that is not at ({}, {}) of {}", i % picture.width, i / picture.width, path.display());
-        return Err(LoadErrorKind::Malformed { expected: "finite texels".to_owned(), found });
-    }
-    Ok(picture)
+    if bytes.starts_with(&EXR_MAGIC) { exr(bytes, path, limits) } else { integer(bytes, path, raw, limits) }
 }
 
 fn damaged(path: &Path, reason: &dyn std::fmt::Display) -> LoadErrorKind {
@@ -111,6 +106,10 @@ fn exr_unguarded(bytes: &[u8], path: &Path, limits: &Limits) -> Result<Picture, 
         .from_buffered(Cursor::new(bytes))
         .map_err(|e| damaged(path, &e))?;
     let (size, texels) = image.layer_data.channel_data.pixels;
+    if let Some(i) = texels.iter().position(|t: &[f32; 3]| t.iter().any(|v| !v.is_finite())) {
+        let found = format!("one that is not at ({}, {}) of {}", i % size.0, i / size.0, path.display());
+        return Err(LoadErrorKind::Malformed { expected: "finite texels".to_owned(), found });
+    }
     Ok(Picture { width: size.0, height: size.1, texels: texels.into() })
 }
 

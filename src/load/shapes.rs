@@ -174,7 +174,7 @@ impl MeshFile {
             }),
         };
         let in_file = |fault: MeshFault| LoadError {
-            file: self.path.clone(),
+            file: self.path.as_path().into(),
             at: fault.offset.map(|offset| position(&bytes, offset)),
             kind: fault.kind,
         };

@@ -1,12 +1,16 @@
 //! Colours and `<texture>`: constants, bitmaps, checkerboards.
 
 use super::error::{LoadError, LoadErrorKind};
+use super::files::Files;
 use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object, Property, Value};
 use super::picture::{self, Picture};
 use crate::material::Texture;
 use crate::material::texture::{Bitmap, Filter, Wrap};
 use crate::math::Rgb;
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What a colour is used for, and so what values it may have.
@@ -16,6 +20,39 @@ pub(super) enum Use {
     Reflectance,
     /// 0 or more.
     Index,
+}
+
+/// Images by path and whether they are raw. A fault is told where the image is asked for.
+pub(super) type Pictures = HashMap<(PathBuf, bool), Result<Picture, LoadErrorKind>>;
+
+/// Decodes the images of all objects under `root`, side by side.
+pub(super) fn decode_all(root: &Object, files: &Files) -> Pictures {
+    let mut keys = Vec::new();
+    image_files(root, files, &mut keys);
+    keys.sort();
+    keys.dedup();
+    keys.into_par_iter().map(|key| (key.clone(), decode_file(files, &key))).collect()
+}
+
+/// Paths that can be read of all bitmaps and environment maps; what is wrong with the others is told later.
+fn image_files(object: &Object, files: &Files, keys: &mut Vec<(PathBuf, bool)>) {
+    let of = |name: &str| object.properties.iter().find(|p| p.name == name).map(|p| &p.value);
+    if matches!(object.plugin.as_str(), "bitmap" | "envmap")
+        && let Some(Value::Text(name)) = of("filename")
+        && let Ok(path) = files.resolve(name)
+    {
+        keys.push((path, matches!(of("raw"), Some(Value::Boolean(true)))));
+    }
+    for property in &object.properties {
+        if let Value::Object(child) = &property.value {
+            image_files(child, files, keys);
+        }
+    }
+}
+
+fn decode_file(files: &Files, (path, raw): &(PathBuf, bool)) -> Result<Picture, LoadErrorKind> {
+    let bytes = files.read(path, files.limits.image_bytes)?;
+    picture::decode(&bytes, path, *raw, &files.limits)
 }
 
 impl Use {
@@ -59,12 +96,7 @@ impl<'a> Loader<'a> {
     }
 
     fn child_texture(&mut self, property: &'a Property, purpose: Use) -> Result<Texture, LoadError> {
-        let object = match &property.value {
-            Value::Object(object) => Some(object),
-            Value::Reference(id) => self.ids.get(id.as_str()).copied(),
-            _ => None,
-        };
-        let object = object.filter(|o| o.class == Class::TEXTURE).ok_or_else(|| property.must_be("a colour or a texture"))?;
+        let object = self.texture_of(property).ok_or_else(|| property.must_be("a colour or a texture"))?;
         let texture = self.texture_object(object)?;
         if let Texture::Bitmap(bitmap) = &texture
             && let Some(i) = bitmap.texels.iter().position(|t| purpose.check((*t).into()).is_err())
@@ -74,6 +106,16 @@ impl<'a> Loader<'a> {
             return Err(property.place.error(LoadErrorKind::Value { name: property.name.clone(), expected, found }));
         }
         Ok(texture)
+    }
+
+    /// The `<texture>` that a property holds or refers to.
+    pub fn texture_of(&self, property: &'a Property) -> Option<&'a Object> {
+        let object = match &property.value {
+            Value::Object(object) => object,
+            Value::Reference(id) => self.ids.get(id.as_str()).copied()?,
+            _ => return None,
+        };
+        (object.class == Class::TEXTURE).then_some(object)
     }
 
     /// The texture that a `<texture>` element describes.
@@ -100,15 +142,13 @@ impl<'a> Loader<'a> {
     pub fn picture(&mut self, object: &'a Object, raw: bool) -> Result<Picture, LoadError> {
         let name = object.needed_text("filename")?;
         let failed = |kind| name.place.error(kind);
-        let path = self.files.resolve(name.value).map_err(failed)?;
-        let key = (path, raw);
-        if let Some(picture) = self.pictures.get(&key) {
-            return Ok(picture.clone());
-        }
-        let limits = &self.files.limits;
-        let bytes = self.files.read(&key.0, limits.image_bytes).map_err(failed)?;
-        let picture = picture::decode(&bytes, &key.0, raw, limits).map_err(failed)?;
-        self.pictures.insert(key, picture.clone());
+        let key = (self.files.resolve(name.value).map_err(failed)?, raw);
+        let picture = match self.pictures.remove(&key) {
+            Some(decoded) => decoded,
+            None => decode_file(self.files, &key),
+        };
+        let picture = picture.map_err(failed)?;
+        self.pictures.insert(key, Ok(picture.clone()));
         Ok(picture)
     }
 

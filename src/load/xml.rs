@@ -9,6 +9,7 @@ use super::parameters::Parameters;
 use super::{scan, transform, upgrade};
 use crate::math::{DAffine3, DVec3, Rgb};
 use roxmltree::{Document, Node};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -26,7 +27,7 @@ impl Tree {
     pub fn read(files: &Files, path: &Path, defines: &[(String, String)]) -> Result<Tree, LoadError> {
         let mut reader = Reader {
             files,
-            parameters: Parameters::new(defines),
+            parameters: Parameters::new(defines, files.limits.xml_bytes),
             open: Vec::new(),
             n_includes: 0,
             bytes: 0,
@@ -108,8 +109,9 @@ impl Reader<'_> {
         let source = self.files.read_text(path, limits.xml_bytes - self.bytes).map_err(|kind| kind.in_file(path))?;
         self.bytes += source.text.len() as u64;
         let source = Arc::new(source);
-        if let Some(offset) = scan::too_deep(&source.text, limits.depth) {
-            return Err(depth_error(&Place { source, offset }, limits.depth));
+        if let Some(excess) = scan::excess(&source.text, limits.depth, limits.attributes) {
+            let scan::Excess { offset, what, limit } = excess;
+            return Err(over_limit(&Place { source, offset }, what, limit));
         }
         // No DTD: entities could expand without bound or name files of the system.
         let options = roxmltree::ParsingOptions { allow_dtd: false, nodes_limit: limits.xml_nodes, ..Default::default() };
@@ -156,6 +158,7 @@ impl Reader<'_> {
 
     /// Reads the child elements of `node` into `object`.
     fn fill(&mut self, object: &mut Object, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<(), LoadError> {
+        let mut names: HashSet<String> = object.properties.iter().map(|p| p.name.clone()).collect();
         for child in node.children() {
             let place = || Place { source: source.clone(), offset: child.range().start };
             if child.is_text() && !child.text().unwrap_or_default().trim().is_empty() {
@@ -166,10 +169,10 @@ impl Reader<'_> {
                 continue;
             }
             if depth >= self.files.limits.depth {
-                return Err(depth_error(&place(), self.files.limits.depth));
+                return Err(over_limit(&place(), "depth of nested elements", self.files.limits.depth));
             }
             for property in self.element(child, source, depth)? {
-                if !property.name.is_empty() && object.properties.iter().any(|p| p.name == property.name) {
+                if !property.name.is_empty() && !names.insert(property.name.clone()) {
                     let expected = format!("\"{}\" once in {}", property.name, object.describe());
                     let found = "it again".to_owned();
                     return Err(property.place.error(LoadErrorKind::Malformed { expected, found }));
@@ -402,16 +405,24 @@ fn unknown_element_among<'a>(tag: &'a Tag, known: impl IntoIterator<Item = &'a s
     tag.place.error(LoadErrorKind::UnknownElement { found, near })
 }
 
-fn depth_error(place: &Place, limit: usize) -> LoadError {
+fn over_limit(place: &Place, what: &str, limit: usize) -> LoadError {
     let (limit, found) = (limit as u64, limit as u64 + 1);
-    place.error(LoadErrorKind::OverLimit { what: "depth of nested elements".to_owned(), limit, found })
+    place.error(LoadErrorKind::OverLimit { what: what.to_owned(), limit, found })
 }
 
 fn syntax_error(error: &roxmltree::Error, source: &Arc<SourceText>, nodes: u32) -> LoadError {
-    let at = error.pos();
-    // Line and column to offset, for the span.
-    let line_start: usize = source.text.split_inclusive('\n').take(at.row as usize - 1).map(str::len).sum();
-    let in_line = source.text[line_start..].chars().take((at.col as usize).saturating_sub(1)).map(char::len_utf8).sum::<usize>();
+    use roxmltree::Error::{NoRootNode, UnclosedRootNode, UnexpectedEndOfStream};
+    let text = &source.text;
+    let offset = match error {
+        // The parser has no place for what is missing at the end.
+        NoRootNode | UnclosedRootNode | UnexpectedEndOfStream => text.len(),
+        _ => {
+            let at = error.pos();
+            let line_start: usize = text.split_inclusive('\n').take(at.row as usize - 1).map(str::len).sum();
+            let before = (at.col as usize).saturating_sub(1);
+            line_start + text[line_start..].chars().take(before).map(char::len_utf8).sum::<usize>()
+        }
+    };
     let kind = match error {
         roxmltree::Error::NodesLimitReached => {
             let (limit, found) = (u64::from(nodes), u64::from(nodes) + 1);
@@ -425,5 +436,5 @@ fn syntax_error(error: &roxmltree::Error, source: &Arc<SourceText>, nodes: u32) 
             LoadErrorKind::Malformed { expected: "well-formed XML".to_owned(), found }
         }
     };
-    LoadError { file: source.path.clone(), at: Some(position(source.text.as_bytes(), line_start + in_line)), kind }
+    LoadError { file: source.path.as_path().into(), at: Some(position(text.as_bytes(), offset)), kind }
 }

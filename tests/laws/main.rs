@@ -1,9 +1,12 @@
 //! Each physical law is a test.
 
 mod accel_conformance;
+mod bad_input;
 mod furnace;
 mod invariance;
 mod light;
+mod loading;
+mod loading_materials;
 mod patches;
 mod specular;
 mod support;

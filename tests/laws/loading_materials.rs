@@ -1,0 +1,224 @@
+//! What the reader makes of colours, textures, materials and lights.
+
+use crate::loading::{Fixture, reflectance, scene};
+use tempfile::TempDir;
+use twopass::material::{Material, MaterialId, Texture};
+use twopass::math::{DVec3, Rgb, Vec2};
+use twopass::scene::Shape;
+
+fn close(got: Rgb, want: [f64; 3], tolerance: f64) {
+    let error = (got - Rgb::from(want)).map(f64::abs).max();
+    assert!(error <= tolerance, "{got:?}, expected {want:?} within {tolerance}");
+}
+
+fn png(pixels: &[&[[u8; 4]]]) -> Vec<u8> {
+    let (width, height) = (pixels[0].len() as u32, pixels.len() as u32);
+    let image = image::RgbaImage::from_fn(width, height, |x, y| image::Rgba(pixels[y as usize][x as usize]));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, image::ImageFormat::Png).expect("encodes");
+    bytes.into_inner()
+}
+
+#[test]
+fn colours_are_linear_with_commas_or_spaces() {
+    let of = |value: &str| {
+        let body = format!("<bsdf type='diffuse' id='a'><rgb name='reflectance' value='{value}'/></bsdf>");
+        reflectance(&scene(&body), 0.0, 0.0)
+    };
+    assert_eq!(of("0.1, 0.2, 0.3"), Rgb::new(0.1, 0.2, 0.3));
+    assert_eq!(of("0.1 0.2  0.3"), Rgb::new(0.1, 0.2, 0.3));
+    assert_eq!(of("0.5"), Rgb::grey(0.5));
+    assert_eq!(of("0.999999"), Rgb::grey(0.999999), "f64 all the way");
+}
+
+#[test]
+fn a_uniform_spectrum_is_grey_as_reflectance_and_equal_energy_white_as_radiance() {
+    let body = "<bsdf type='diffuse' id='a'><spectrum name='reflectance' value='0.25'/></bsdf>
+        <shape type='rectangle'><ref id='a'/><emitter type='area'><spectrum name='radiance' value='2'/></emitter></shape>";
+    let scene = scene(body);
+    assert_eq!(reflectance(&scene, 0.0, 0.0), Rgb::grey(0.25));
+    close(scene.shapes[0].emission, [2.0 * 1.205, 2.0 * 0.948, 2.0 * 0.909], 1.1e-3);
+}
+
+#[test]
+fn eight_bit_images_are_decoded_before_filtering_and_row_0_is_at_v_0() {
+    let grey = |v| [v, v, v, 255];
+    let image = png(&[&[grey(0), grey(255)], &[grey(128), grey(128)]]);
+    let of = |extra: &str| {
+        let body = format!(
+            "<bsdf type='diffuse' id='a'><texture name='reflectance' type='bitmap'>
+             <string name='filename' value='t.png'/>{extra}</texture></bsdf>"
+        );
+        Fixture::new(&body).with("t.png", &image).scene()
+    };
+    let plain = of("");
+    // Texel centres at a quarter and three quarters; halfway between black and white lies linear 0.5, not sRGB 128.
+    for (u, v, want) in [(0.25, 0.25, 0.0), (0.75, 0.25, 1.0), (0.5, 0.25, 0.5), (0.25, 0.75, 0.215_86), (1.25, 0.75, 0.215_86)] {
+        close(reflectance(&plain, u, v), [want; 3], 1e-5);
+    }
+    close(reflectance(&of("<boolean name='raw' value='true'/>"), 0.25, 0.75), [0.501_96; 3], 1e-5);
+    close(reflectance(&of("<string name='filter_type' value='nearest'/>"), 0.49, 0.25), [0.0; 3], 0.0);
+    close(reflectance(&of("<string name='wrap_mode' value='clamp'/>"), -3.0, 0.25), [0.0; 3], 0.0);
+    let half = "<transform name='to_uv'><scale x='0.5' y='1'/></transform>";
+    close(reflectance(&of(half), 0.5, 0.25), [0.0; 3], 1e-6);
+}
+
+#[test]
+fn a_checkerboard_has_color0_at_the_origin() {
+    let body = "<bsdf type='diffuse' id='a'><texture name='reflectance' type='checkerboard'>
+        <rgb name='color0' value='0.8'/><rgb name='color1' value='0.2'/>
+        <transform name='to_uv'><scale x='10' y='20'/></transform></texture></bsdf>";
+    let scene = scene(body);
+    // A cell is a tenth wide and a twentieth high; its four quarters alternate.
+    for (u, v, want) in [(0.01, 0.01, 0.8), (0.06, 0.01, 0.2), (0.01, 0.03, 0.2), (0.06, 0.03, 0.8), (0.11, 0.01, 0.8)] {
+        close(reflectance(&scene, u, v), [want; 3], 1e-6);
+    }
+}
+
+#[test]
+fn opaque_materials_are_one_sided_unless_wrapped() {
+    let body = "<bsdf type='diffuse' id='one'/><bsdf type='twosided' id='two'><bsdf type='diffuse'/></bsdf>
+        <bsdf type='dielectric' id='glass'/>";
+    let sides: Vec<_> = scene(body).materials.iter().map(|m| (m.name.clone(), m.two_sided)).collect();
+    assert_eq!(sides, [("one".to_owned(), false), ("two".to_owned(), true), ("glass".to_owned(), false)]);
+}
+
+#[test]
+fn shapes_without_a_material_are_grey_or_black_if_they_emit() {
+    let scene = scene("<shape type='rectangle'/><shape type='rectangle'><emitter type='area'/></shape>");
+    let rho = |shape: &Shape| scene.material_of(shape).material.diffuse_reflectance(Vec2::ZERO);
+    assert_eq!(rho(&scene.shapes[0]), Rgb::grey(0.5));
+    assert_eq!(rho(&scene.shapes[1]), Rgb::BLACK);
+    assert_eq!(scene.shapes[1].emission, Rgb::WHITE);
+}
+
+#[test]
+fn references_are_shared_and_may_come_before_their_object() {
+    let body = "<shape type='rectangle' id='a'><ref id='x'/></shape><shape type='cube' id='b'><ref id='y'/></shape>
+        <bsdf type='diffuse' id='x'/><alias id='x' as='y'/>";
+    let scene = scene(body);
+    assert_eq!(scene.materials.len(), 1);
+    assert_eq!((scene.shapes[0].material, scene.shapes[1].material), (MaterialId(0), MaterialId(0)));
+    assert_eq!(scene.shapes.iter().map(|s| s.id.as_str()).collect::<Vec<_>>(), ["a", "b"]);
+}
+
+#[test]
+fn conductors_and_dielectrics() {
+    let body = "<bsdf type='conductor' id='a'><string name='material' value='none'/></bsdf>
+        <bsdf type='conductor' id='b'><string name='material' value='Au'/></bsdf>
+        <bsdf type='conductor' id='c'><rgb name='eta' value='1.5, 1, 0.5'/><rgb name='k' value='7'/></bsdf>
+        <bsdf type='dielectric' id='d'><string name='int_ior' value='water'/><float name='ext_ior' value='1'/></bsdf>
+        <bsdf type='dielectric' id='e'/>
+        <bsdf type='thindielectric' id='f'><float name='int_ior' value='1.5'/><float name='ext_ior' value='1.2'/>
+        <rgb name='specular_transmittance' value='0, 0, 0'/></bsdf>";
+    let scene = scene(body);
+    let material = |i: usize| &scene.materials[i].material;
+    assert!(matches!(material(0), Material::Conductor { index: None, .. }));
+    let Material::Conductor { index: Some((eta, _)), .. } = material(1) else { panic!("gold has an index") };
+    assert!(eta.b > eta.g && eta.g > eta.r, "gold is yellow: {eta:?}");
+    let Material::Conductor { index: Some(index), .. } = material(2) else { panic!("given by eta and k") };
+    assert_eq!(*index, (Rgb::new(1.5, 1.0, 0.5), Rgb::grey(7.0)));
+    for (i, want) in [(3, 1.333), (4, 1.5046 / 1.000_28)] {
+        let Material::Dielectric { eta, transmittance, .. } = material(i) else { panic!("glass") };
+        assert_eq!((*eta, *transmittance), (want, Rgb::WHITE));
+    }
+    let Material::ThinDielectric { eta, transmittance, .. } = material(5) else { panic!("plate") };
+    assert_eq!((*eta, *transmittance), (1.25, Rgb::BLACK));
+    assert!(scene.warnings.iter().all(|w| !w.contains("material")), "{:?}", scene.warnings);
+}
+
+#[test]
+fn approximated_materials_say_so_once_each() {
+    let body = "<bsdf type='twosided' id='coat'><bsdf type='roughplastic'><string name='distribution' value='ggx'/>
+        <float name='alpha' value='0.1'/><float name='int_ior' value='1.5'/><float name='ext_ior' value='1'/>
+        <boolean name='nonlinear' value='true'/><rgb name='diffuse_reflectance' value='0.8'/></bsdf></bsdf>
+        <bsdf type='roughconductor' id='steel'><float name='alpha' value='0.2'/></bsdf>
+        <bsdf type='roughdielectric' id='frost'/><bsdf type='plastic' id='smooth'/>
+        <shape type='rectangle'><ref id='coat'/></shape><shape type='rectangle'><ref id='coat'/></shape>";
+    let scene = scene(body);
+    // What Mitsuba's formulas give: not 0.8.
+    close(reflectance(&scene, 0.0, 0.0), [0.531; 3], 2e-3);
+    assert!(matches!(scene.materials[1].material, Material::Conductor { .. }));
+    assert!(matches!(scene.materials[2].material, Material::Dielectric { .. }));
+    for id in ["coat", "steel", "frost", "smooth"] {
+        let n = scene.warnings.iter().filter(|w| w.contains(&format!("\"{id}\""))).count();
+        assert_eq!(n, 1, "warnings about {id}: {:?}", scene.warnings);
+    }
+}
+
+#[test]
+fn masks_use_the_luminance_of_the_colours_and_drop_alpha() {
+    let body =
+        "<bsdf type='mask' id='leaf'><texture name='opacity' type='bitmap'><string name='filename' value='t.png'/></texture>
+        <bsdf type='diffuse'/></bsdf>
+        <bsdf type='mask' id='gone'><rgb name='opacity' value='0.1'/><bsdf type='diffuse'/></bsdf>
+        <bsdf type='mask' id='whole'><float name='opacity' value='1'/><bsdf type='diffuse'/></bsdf>";
+    let white_but_clear = png(&[&[[255, 255, 255, 0]]]);
+    let scene = Fixture::new(body).with("t.png", white_but_clear).scene();
+    assert!(scene.materials[0].material.has_diffuse());
+    assert!(scene.materials[1].material.is_transmissive());
+    assert!(scene.materials[2].material.has_diffuse());
+    let about = |id: &str| scene.warnings.iter().filter(|w| w.contains(id)).count();
+    assert_eq!((about("leaf"), about("gone"), about("whole")), (0, 1, 0), "{:?}", scene.warnings);
+}
+
+#[test]
+fn lights_are_where_the_file_says() {
+    let body = "<emitter type='point'><point name='position' x='1' y='2' z='3'/><rgb name='intensity' value='4'/></emitter>
+        <emitter type='point'><transform name='to_world'><translate x='5'/></transform></emitter>
+        <emitter type='constant'><rgb name='radiance' value='0.5'/></emitter>";
+    let scene = scene(body);
+    let twopass::light::Light::Point(light) = &scene.lights[0] else { panic!("a point light") };
+    assert_eq!(light.position.as_dvec3() + scene.origin, DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(light.intensity, Rgb::grey(4.0));
+    let twopass::light::Light::Point(light) = &scene.lights[1] else { panic!("a point light") };
+    assert_eq!(light.position.as_dvec3() + scene.origin, DVec3::new(5.0, 0.0, 0.0));
+    assert_eq!(scene.environment, Rgb::grey(0.5));
+}
+
+#[test]
+fn an_environment_map_becomes_its_mean_over_the_sphere() {
+    // Rows at theta = pi r/16; only the middle one shines. The mean of a hat of width h about the equator is (1 - cos h)/h.
+    let write = |f: fn(usize) -> f32| {
+        let folder = TempDir::new().expect("a folder");
+        let path = folder.path().join("e.exr");
+        exr::prelude::write_rgb_file(&path, 8, 17, |_, y| (f(y), 2.0 * f(y), 0.0_f32)).expect("written");
+        std::fs::read(path).expect("read back")
+    };
+    let body = "<emitter type='envmap'><string name='filename' value='e.exr'/><float name='scale' value='3'/></emitter>";
+    let mean = |image: &[u8]| Fixture::new(body).with("e.exr", image).scene().environment;
+    let h = std::f64::consts::PI / 16.0;
+    let belt = 3.0 * (1.0 - h.cos()) / h;
+    close(mean(&write(|_| 1.0)), [3.0, 6.0, 0.0], 1e-6);
+    close(mean(&write(|y| if y == 8 { 1.0 } else { 0.0 })), [belt, 2.0 * belt, 0.0], 1e-6);
+    let faulty =
+        Fixture::new(body).with("e.exr", write(|y| if y == 3 { f32::NAN } else { 0.0 })).load().expect_err("a NaN texel");
+    assert!(faulty.to_string().contains("(0, 3)"), "{faulty}");
+}
+
+#[test]
+fn textures_of_one_file_are_decoded_once() {
+    let bsdf = |id: &str| {
+        format!(
+            "<bsdf type='diffuse' id='{id}'><texture name='reflectance' type='bitmap'>
+             <string name='filename' value='t.png'/></texture></bsdf>"
+        )
+    };
+    let scene = Fixture::new(&(bsdf("a") + &bsdf("b"))).with("t.png", png(&[&[[9, 9, 9, 255]]])).scene();
+    let texels = |i: usize| match &scene.materials[i].material {
+        Material::Diffuse { reflectance: Texture::Bitmap(b) } => b.texels.clone(),
+        _ => panic!("a bitmap"),
+    };
+    assert!(std::sync::Arc::ptr_eq(&texels(0), &texels(1)));
+}
+
+#[test]
+fn textures_may_be_referred_to_and_emitting_ones_are_averaged() {
+    let body = "<texture type='checkerboard' id='t'><rgb name='color0' value='1'/><rgb name='color1' value='0'/></texture>
+        <bsdf type='diffuse' id='a'><ref name='reflectance' id='t'/></bsdf>
+        <shape type='rectangle'><ref id='a'/><emitter type='area' id='lamp'><ref name='radiance' id='t'/></emitter></shape>";
+    let scene = scene(body);
+    assert_eq!(reflectance(&scene, 0.1, 0.1), Rgb::WHITE);
+    assert_eq!(scene.shapes[0].emission, Rgb::grey(0.5));
+    assert!(scene.warnings.iter().any(|w| w.contains("lamp")), "{:?}", scene.warnings);
+}
