@@ -1,6 +1,7 @@
 //! Each physical law is a test.
 
 mod accel_conformance;
+mod architecture;
 mod cli;
 mod furnace;
 mod invariance;
