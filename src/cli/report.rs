@@ -143,13 +143,16 @@ pub fn verdict(report: &RunReport, interrupt: &Interrupt, kept: &str) -> Result<
     }
 }
 
-/// A run that ended before it had a result: the report says so, and the failure names the signal.
-pub fn stopped_early(common: &Common, report: &mut RunReport, interrupt: &Interrupt) -> Failure {
-    report.stopped_by = StopReason::Interrupted;
-    match (finish(common, report), interrupt.signal()) {
-        (Err(failure), _) => failure,
-        (Ok(()), Some(signal)) => interrupted(signal, "there was no result yet to keep"),
-        (Ok(()), None) => Failure::Pipeline(PipelineError::Stopped),
+/// A run that ended without a result: the report is written nevertheless, and the failure says why.
+pub fn no_result(common: &Common, report: &mut RunReport, interrupt: &Interrupt, error: PipelineError) -> Failure {
+    let stopped = error == PipelineError::Stopped;
+    report.stopped_by = if stopped { StopReason::Interrupted } else { StopReason::Failed };
+    if let Err(failure) = finish(common, report) {
+        return failure;
+    }
+    match interrupt.signal() {
+        Some(signal) if stopped => interrupted(signal, "there was no result yet to keep"),
+        _ => error.into(),
     }
 }
 

@@ -68,7 +68,7 @@ fn room(emitter: &str) -> String {
     <float name="fov" value="60"/>
     <transform name="to_world"><lookat origin="0, -0.9, 0" target="0, 1, 0" up="0, 0, 1"/></transform>
     <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
-    <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/></film>
+    <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/><rfilter type="box"/></film>
   </sensor>
   <bsdf type="twosided" id="grey"><bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.5, 0.5"/></bsdf></bsdf>
   <shape type="cube"><ref id="grey"/></shape>
@@ -293,7 +293,7 @@ fn a_scene_without_light_is_black_and_said_so() {
     let place = Place::new();
     place.write("room.xml", &room(""));
     let (_, err) = place.expect(0, &format!("render room.xml {QUICK}"));
-    assert!(err.contains("warning") && err.contains("light"), "{err}");
+    assert_eq!((err.matches("warning").count(), err.matches("light").count()), (1, 1), "{err}");
     let image = read_exr(&place.path("room.exr")).expect("readable");
     assert!(image.pixels().iter().all(|p| *p == [0.0; 3]));
 }
@@ -337,6 +337,26 @@ fn a_closed_stdout_is_no_fault() {
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("ends");
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn limits_are_checked_before_anything_is_computed() {
+    let place = Place::new();
+    place.write("room.xml", &room(LAMP));
+    let started = Instant::now();
+    place.expect(4, "render room.xml --size 2000000x2000000");
+    place.expect(4, "solve room.xml --patch-size 1e-6");
+    assert!(started.elapsed() < Duration::from_secs(10));
+}
+
+#[test]
+fn a_room_that_keeps_all_light_has_no_steady_state() {
+    let place = Place::new();
+    place.write("room.xml", &room(LAMP).replace("0.5, 0.5, 0.5", "1, 1, 1"));
+    let (_, err) = place.expect(6, &format!("render room.xml --report r.json {QUICK}"));
+    assert!(err.contains("steady state"), "{err}");
+    let report = std::fs::read_to_string(place.path("r.json")).expect("a report");
+    assert!(report.contains("\"stopped_by\": \"failed\""), "{report}");
 }
 
 /// Starts a long render, waits until a partial picture lies there, sends the signal, and gives the exit code.

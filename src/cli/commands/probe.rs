@@ -14,7 +14,7 @@ use twopass::film::io::{atomic_write, probe_writable};
 use twopass::integrator::IntegratorSettings;
 use twopass::math::DVec3;
 use twopass::pipeline::probe::{self, Probed};
-use twopass::pipeline::{self, PipelineError, RenderSettings, Solved};
+use twopass::pipeline::{self, RenderSettings, Solved};
 use twopass::progress::Stage;
 use twopass::run_report::{StopReason, Stopwatch};
 use twopass::world::DirectSampling;
@@ -42,10 +42,8 @@ pub fn run(common: &Common, args: &ProbeArgs) -> Result<(), Failure> {
     report::set(&mut run_report, "radiance", args.radiance);
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let solved = match pipeline::solve(loaded.scene, &settings, &mut observer) {
-        Err(PipelineError::Stopped) => return Err(report::stopped_early(common, &mut run_report, &interrupt)),
-        result => result?,
-    };
+    let solved = pipeline::solve(loaded.scene, &settings, &mut observer);
+    let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
     report::add_pass_one(&mut run_report, &solved.pass_one);

@@ -42,11 +42,9 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     check_size(&loaded, &job.settings)?;
     let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
     describe(&mut run_report, &job);
-    warn_of_darkness(common, &loaded, &mut run_report);
     match render(&job, loaded) {
         Ok(rendered) => finish(&job, &rendered, run_report),
-        Err(PipelineError::Stopped) => Err(report::stopped_early(common, &mut run_report, &interrupt)),
-        Err(error) => Err(error.into()),
+        Err(error) => Err(report::no_result(common, &mut run_report, &interrupt, error)),
     }
 }
 
@@ -116,15 +114,6 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set(run_report, "max_depth", depth);
     report::set(run_report, "gather_rays", settings.gather_rays);
     report::set_pass_one(run_report, &args.pass_one);
-}
-
-fn warn_of_darkness(common: &Common, loaded: &LoadedScene, run_report: &mut RunReport) {
-    let scene = &loaded.scene;
-    if scene.lights.is_empty() && scene.environment.is_black() && scene.shapes.iter().all(|s| s.emission.is_black()) {
-        let warning = "the scene has no light: the picture will be black";
-        say(common, &format!("warning: {warning}"));
-        run_report.warnings.push(warning.to_owned());
-    }
 }
 
 /// Renders with progress, signals and partial pictures.

@@ -8,7 +8,7 @@ use crate::cli::output::{print, short};
 use crate::cli::progress::{Display, observer};
 use crate::cli::{report, scene_file};
 use twopass::film::io::probe_writable;
-use twopass::pipeline::{self, PipelineError};
+use twopass::pipeline;
 use twopass::run_report::{RunReport, StopReason, Stopwatch};
 
 /// Runs the subcommand.
@@ -22,10 +22,8 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     report::set_pass_one(&mut run_report, &args.pass_one);
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let solved = match pipeline::solve(loaded.scene, &settings, &mut observer) {
-        Err(PipelineError::Stopped) => return Err(report::stopped_early(common, &mut run_report, &interrupt)),
-        result => result?,
-    };
+    let solved = pipeline::solve(loaded.scene, &settings, &mut observer);
+    let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
     report::add_pass_one(&mut run_report, &solved.pass_one);
