@@ -31,5 +31,6 @@ pub mod patch;
 pub mod pipeline;
 pub mod progress;
 pub mod radiosity;
+pub mod run_report;
 pub mod scene;
 pub mod world;

@@ -1,3 +1,7 @@
 //! The program: parse, run, print the error chain once, exit code.
 
-fn main() {}
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

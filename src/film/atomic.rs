@@ -14,7 +14,6 @@ pub struct WriteError {
     /// The file that was to be written.
     pub path: PathBuf,
     /// What stood in the way.
-    #[source]
     pub kind: WriteErrorKind,
 }
 

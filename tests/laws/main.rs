@@ -1,7 +1,9 @@
 //! Each physical law is a test.
 
 mod accel_conformance;
+mod architecture;
 mod bad_input;
+mod cli;
 mod furnace;
 mod invariance;
 mod light;

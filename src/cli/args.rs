@@ -1,0 +1,402 @@
+//! Subcommands and flags as plain data: what was typed, nothing computed.
+//!
+//! A flag that the command line promises but that does not work yet is parsed, hidden from the help, and refused by
+//! [`Args::not_delivered`]: it is never ignored.
+
+use super::values::{
+    Crop, Define, Depth, Size, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
+};
+use clap::{Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use twopass::accel::AccelKind;
+use twopass::integrator::{Method, ReadOut};
+
+/// Hybrid two-pass global illumination: radiosity over meshed patches, then Whitted ray tracing that gathers it.
+#[derive(Debug, Parser)]
+#[command(name = "twopass", version, about, max_term_width = 120, after_help = EXIT_CODES)]
+pub struct Args {
+    /// Flags of all subcommands
+    #[command(flatten)]
+    pub common: Common,
+    /// List the methods of pass two and end
+    #[arg(long)]
+    pub list_methods: bool,
+    /// What to do
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 done; 1 internal fault; 2 usage; 3 input unreadable or invalid; 4 over a resource limit; \
+    5 output cannot be written; 6 not converged, a NaN in the result or a check failed (the image is still written); \
+    130/143 interrupted, with the partial result kept.";
+
+/// Flags of all subcommands.
+#[derive(Debug, clap::Args)]
+pub struct Common {
+    /// Threads that work; 0: one per core
+    #[arg(long, global = true, value_name = "N", default_value_t = 0, help_heading = "Common options")]
+    pub threads: usize,
+    /// Seed of all random numbers
+    #[arg(long, global = true, value_name = "N", default_value_t = 0, help_heading = "Common options")]
+    pub seed: u64,
+    /// Say nothing but errors
+    #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Common options")]
+    pub quiet: bool,
+    /// Say more: time by stage, counters
+    #[arg(short, long, global = true, help_heading = "Common options")]
+    pub verbose: bool,
+    /// Progress on stderr; auto: only on a terminal
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto", help_heading = "Common options")]
+    pub progress: ProgressMode,
+    /// Write the run report (JSON)
+    #[arg(long, global = true, value_name = "FILE.json", help_heading = "Common options")]
+    pub report: Option<PathBuf>,
+    /// Ray engine: obvhs, brute-force, or embree where built in
+    #[arg(long, global = true, value_name = "NAME", default_value = "obvhs", help_heading = "Common options")]
+    pub accel: AccelKind,
+    /// Let the scene read files below this folder too; may be given more than once
+    #[arg(long, global = true, value_name = "DIR", help_heading = "Common options")]
+    pub allow_path: Vec<PathBuf>,
+    /// Not delivered yet
+    #[arg(long, global = true, hide = true)]
+    pub max_memory: Option<String>,
+    /// Not delivered yet
+    #[arg(long, global = true, hide = true)]
+    pub plan: Option<String>,
+}
+
+/// When progress is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProgressMode {
+    /// On a terminal.
+    Auto,
+    /// Also into a pipe or file, as lines.
+    Always,
+    /// Never.
+    Never,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Render a scene: both passes, OUT.exr and OUT.png
+    Render(RenderArgs),
+    /// Solve pass one alone and say how well it went
+    Solve(SolveArgs),
+    /// Say what is in a scene
+    Info(InfoArgs),
+    /// Irradiance or radiance at given points
+    Probe(ProbeArgs),
+    /// The errors of an image against one or two references
+    Compare(CompareArgs),
+    /// Not delivered yet
+    #[command(hide = true, disable_help_flag = true)]
+    FormFactors(Rest),
+    /// Not delivered yet
+    #[command(hide = true, disable_help_flag = true)]
+    Experiment(Rest),
+    /// Not delivered yet
+    #[command(hide = true, disable_help_flag = true)]
+    Stability(Rest),
+    /// Not delivered yet
+    #[command(hide = true, disable_help_flag = true)]
+    Serve(Rest),
+}
+
+/// Whatever follows a subcommand that is not delivered yet.
+#[derive(Debug, clap::Args)]
+pub struct Rest {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    rest: Vec<String>,
+}
+
+/// Flags that choose and change the scene.
+#[derive(Debug, clap::Args)]
+pub struct SceneArgs {
+    /// Value for the scene's $name; may be given more than once
+    #[arg(short = 'D', value_name = "NAME=VALUE")]
+    pub define: Vec<Define>,
+}
+
+/// Flags of pass one.
+#[derive(Debug, clap::Args)]
+pub struct PassOneArgs {
+    /// Edge length of a patch in scene units; default: a few thousand patches in all
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, help_heading = "Pass one")]
+    pub patch_size: Option<f64>,
+    /// How form factors are computed: ray-cast
+    #[arg(long, value_name = "METHOD", default_value = "ray-cast", help_heading = "Pass one")]
+    pub form_factors: String,
+    /// Standard error allowed to a form factor
+    #[arg(long, value_name = "T", value_parser = parse_positive, help_heading = "Pass one")]
+    pub tolerance: Option<f64>,
+    /// How the radiosity system is solved: gauss-seidel
+    #[arg(long, value_name = "METHOD", default_value = "gauss-seidel", help_heading = "Pass one")]
+    pub solver: String,
+    /// Bound on the relative error of the solution
+    #[arg(long, value_name = "T", value_parser = parse_positive, help_heading = "Pass one")]
+    pub solver_tolerance: Option<f64>,
+}
+
+/// Flags of pass two.
+#[derive(Debug, clap::Args)]
+pub struct PassTwoArgs {
+    /// How pass two reads pass one: stored, direct-stored, final-gather; default: as the method does
+    #[arg(long, value_name = "HOW", value_parser = parse_read_out, help_heading = "Pass two")]
+    pub read_out: Option<ReadOut>,
+    /// Longest light path in edges; -1: unlimited; default: the scene's
+    #[arg(long, value_name = "N", value_parser = parse_depth, allow_negative_numbers = true, help_heading = "Pass two")]
+    pub max_depth: Option<Depth>,
+    /// Gather rays per sample
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Pass two")]
+    pub gather_rays: Option<u32>,
+}
+
+/// `twopass render`.
+#[derive(Debug, clap::Args)]
+pub struct RenderArgs {
+    /// Scene file, or a folder with a scene.xml
+    #[arg(required_unless_present = "list_methods")]
+    pub scene: Option<PathBuf>,
+    /// Write OUT.exr and OUT.png; default: the scene's folder or file name, in the current folder
+    #[arg(short, long, value_name = "OUT")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub source: SceneArgs,
+    /// Stop after N samples per pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "When to stop (the first to be met)")]
+    pub spp: Option<u32>,
+    /// Stop after S seconds on the clock, from the end of loading
+    #[arg(long, value_name = "S", value_parser = parse_positive, help_heading = "When to stop (the first to be met)")]
+    pub time: Option<f64>,
+    /// Stop after S seconds of processor time (user and system), from the end of loading
+    #[arg(long, value_name = "S", value_parser = parse_positive, help_heading = "When to stop (the first to be met)")]
+    pub cpu_time: Option<f64>,
+    /// Stop when the predicted error (relMSE) is reached
+    #[arg(long, value_name = "RELMSE", value_parser = parse_positive, help_heading = "When to stop (the first to be met)")]
+    pub error: Option<f64>,
+    /// Method of pass two; table by --list-methods
+    #[arg(long, value_name = "M", default_value = "two-pass", value_parser = parse_method, help_heading = "Pass two")]
+    pub method: Method,
+    /// List the methods of pass two and end
+    #[arg(long)]
+    pub list_methods: bool,
+    #[command(flatten)]
+    pub pass_two: PassTwoArgs,
+    #[command(flatten)]
+    pub pass_one: PassOneArgs,
+    /// Size of the picture in pixels; default: the scene's
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Render only this part: left, top, width, height in pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = parse_crop)]
+    pub crop: Option<Crop>,
+    /// Exposure of the PNG in stops: +1 doubles
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = parse_finite, allow_negative_numbers = true)]
+    pub exposure: f64,
+    /// Highlights of the PNG: soft rolls them off (1 - 1/(4x) above 1/2), srgb cuts them at 1
+    #[arg(long, value_name = "OPERATOR", default_value = "soft")]
+    pub tone_map: ToneMapName,
+    /// Write the image so far every S seconds
+    #[arg(long, value_name = "S", value_parser = parse_positive)]
+    pub partial_every: Option<f64>,
+    /// Not delivered yet
+    #[arg(long, hide = true)]
+    pub solution: Option<PathBuf>,
+    /// Not delivered yet
+    #[arg(long, hide = true)]
+    pub light: Vec<String>,
+    /// Not delivered yet
+    #[arg(long, hide = true)]
+    pub resume: bool,
+}
+
+/// Tone map operators by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ToneMapName {
+    /// Rolled off.
+    Soft,
+    /// Cut off.
+    Srgb,
+}
+
+/// `twopass solve`.
+#[derive(Debug, clap::Args)]
+pub struct SolveArgs {
+    /// Scene file, or a folder with a scene.xml
+    pub scene: PathBuf,
+    #[command(flatten)]
+    pub source: SceneArgs,
+    #[command(flatten)]
+    pub pass_one: PassOneArgs,
+    /// Not delivered yet
+    #[arg(short, long, hide = true)]
+    pub output: Option<PathBuf>,
+    /// Not delivered yet
+    #[arg(long, hide = true)]
+    pub gltf: Option<PathBuf>,
+}
+
+/// `twopass info`.
+#[derive(Debug, clap::Args)]
+pub struct InfoArgs {
+    /// Scene file, or a folder with a scene.xml
+    pub scene: PathBuf,
+    #[command(flatten)]
+    pub source: SceneArgs,
+    /// Edge length of a patch in scene units
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
+    pub patch_size: Option<f64>,
+    /// As one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `twopass probe`.
+#[derive(Debug, clap::Args)]
+pub struct ProbeArgs {
+    /// Scene file, or a folder with a scene.xml
+    pub scene: PathBuf,
+    /// Points: a CSV with the header x,y,z,nx,ny,nz
+    #[arg(long, value_name = "P.csv")]
+    pub points: PathBuf,
+    /// Write the result there; default: stdout
+    #[arg(short, long, value_name = "OUT.csv")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub source: SceneArgs,
+    /// Radiance that arrives along n instead of irradiance on a surface facing n
+    #[arg(long)]
+    pub radiance: bool,
+    /// Luminous efficacy [lm/W] of the illuminance column
+    #[arg(long, value_name = "K", default_value_t = 179.0, value_parser = parse_positive)]
+    pub efficacy: f64,
+    /// Samples per point
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(1..))]
+    pub samples: u64,
+    #[command(flatten)]
+    pub pass_two: PassTwoArgs,
+    #[command(flatten)]
+    pub pass_one: PassOneArgs,
+}
+
+/// `twopass compare`.
+#[derive(Debug, clap::Args)]
+pub struct CompareArgs {
+    /// Picture to be judged (EXR)
+    pub image: PathBuf,
+    /// Reference (EXR)
+    pub a: PathBuf,
+    /// Second reference, independent of the first (EXR)
+    pub b: Option<PathBuf>,
+    /// As one JSON object
+    #[arg(long)]
+    pub json: bool,
+    /// Write a false-colour picture of the relative error: black 0.001, white 1, logarithmic
+    #[arg(long, value_name = "FILE.png")]
+    pub diff: Option<PathBuf>,
+    /// Leave out the pixels that are white in this picture
+    #[arg(long, value_name = "FILE.png")]
+    pub mask: Option<PathBuf>,
+    /// Pixels that see an emitter (white), for relmse_off_emitters
+    #[arg(long, value_name = "FILE.png")]
+    pub emitters: Option<PathBuf>,
+}
+
+/// The form-factor methods and solvers that the command line promises and that are not there yet.
+const LATER_FORM_FACTORS: [&str; 3] = ["analytic", "hemicube", "hierarchical"];
+const LATER_SOLVERS: [&str; 5] = ["jacobi", "southwell", "cg", "gmres", "bicgstab"];
+
+impl Args {
+    /// What was asked for that this version does not do yet or does not know: a sentence for the user.
+    pub fn not_delivered(&self) -> Option<String> {
+        let common = &self.common;
+        first_given(&[("--max-memory", common.max_memory.is_some()), ("--plan", common.plan.is_some())]).or_else(|| {
+            match self.command.as_ref()? {
+                Command::Render(args) => args.not_delivered(),
+                Command::Solve(args) => {
+                    let given = [("solve --output", args.output.is_some()), ("solve --gltf", args.gltf.is_some())];
+                    first_given(&given).or_else(|| args.pass_one.not_delivered())
+                }
+                Command::Probe(args) => args.pass_one.not_delivered(),
+                Command::Info(_) | Command::Compare(_) => None,
+                Command::FormFactors(_) => Some(later("the subcommand form-factors")),
+                Command::Experiment(_) => Some(later("the subcommand experiment")),
+                Command::Stability(_) => Some(later("the subcommand stability")),
+                Command::Serve(_) => Some(later("the subcommand serve")),
+            }
+        })
+    }
+}
+
+impl RenderArgs {
+    fn not_delivered(&self) -> Option<String> {
+        let given = [("--solution", self.solution.is_some()), ("--light", !self.light.is_empty()), ("--resume", self.resume)];
+        first_given(&given).or_else(|| self.pass_one.not_delivered())
+    }
+}
+
+impl PassOneArgs {
+    fn not_delivered(&self) -> Option<String> {
+        refused("--form-factors", &self.form_factors, "ray-cast", &LATER_FORM_FACTORS)
+            .or_else(|| refused("--solver", &self.solver, "gauss-seidel", &LATER_SOLVERS))
+    }
+}
+
+fn first_given(flags: &[(&str, bool)]) -> Option<String> {
+    flags.iter().find(|(_, given)| *given).map(|(name, _)| later(name))
+}
+
+fn later(name: &str) -> String {
+    format!("{name} is not delivered in this version")
+}
+
+fn refused(flag: &str, value: &str, known: &str, later_ones: &[&str]) -> Option<String> {
+    match value {
+        value if value == known => None,
+        value if later_ones.contains(&value) => Some(later(&format!("{flag} {value}"))),
+        value => Some(format!("{flag} knows no \"{value}\"; expected {known}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn common_flags_may_follow_the_subcommand() {
+        let args = Args::try_parse_from(["twopass", "render", "a.xml", "--seed", "7", "--threads=2", "-q"]).unwrap();
+        assert_eq!((args.common.seed, args.common.threads, args.common.quiet), (7, 2, true));
+    }
+
+    #[test]
+    fn what_comes_later_is_refused_and_named() {
+        let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
+        for (line, name) in [
+            ("twopass render a.xml --plan full", "--plan"),
+            ("twopass info a.xml --max-memory 1G", "--max-memory"),
+            ("twopass render a.xml --solution a.sol", "--solution"),
+            ("twopass render a.xml --light lamp=2", "--light"),
+            ("twopass render a.xml --resume", "--resume"),
+            ("twopass solve a.xml --form-factors hemicube", "--form-factors hemicube"),
+            ("twopass solve a.xml --solver cg", "--solver cg"),
+            ("twopass solve a.xml --solver magic", "magic"),
+            ("twopass solve a.xml -o a.sol", "solve --output"),
+            ("twopass solve a.xml --gltf a.glb", "--gltf"),
+            ("twopass serve a.xml --port 80", "serve"),
+            ("twopass experiment plan.toml -o dir", "experiment"),
+            ("twopass stability", "stability"),
+            ("twopass form-factors a.xml --by patch", "form-factors"),
+        ] {
+            let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
+            assert!(message.contains(name), "{line}: {message}");
+        }
+        assert_eq!(refusal("twopass render a.xml --form-factors ray-cast --solver gauss-seidel"), None);
+    }
+}

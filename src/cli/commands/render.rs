@@ -1,0 +1,192 @@
+//! `twopass render`: both passes, OUT.exr and OUT.png.
+
+use super::render_settings;
+use crate::cli::args::{Common, RenderArgs, ToneMapName};
+use crate::cli::exit::Failure;
+use crate::cli::interrupt::Interrupt;
+use crate::cli::output::say;
+use crate::cli::progress::{Display, observer};
+use crate::cli::values::read_out_name;
+use crate::cli::{header, report, scene_file};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use twopass::film::io::{Header, Operator, ToneMap, probe_writable, write_exr, write_png};
+use twopass::film::{Film, Layer};
+use twopass::integrator::drive::{Budget, Clocks};
+use twopass::load::LoadedScene;
+use twopass::pipeline::{self, PipelineError, RenderSettings, Rendered};
+use twopass::progress::Stage;
+use twopass::run_report::{RunReport, StopReason, Stopwatch, process_cpu_seconds};
+
+/// Most pixels of a picture: the film holds 256 bytes for each, the file's layers another 100.
+const MOST_PIXELS: usize = 1 << 26;
+
+/// What a render is to do, and for whom.
+struct Job<'a> {
+    common: &'a Common,
+    args: &'a RenderArgs,
+    settings: RenderSettings,
+    targets: Targets,
+    interrupt: &'a Interrupt,
+}
+
+/// Runs the subcommand.
+pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
+    let interrupt = Interrupt::listen();
+    let scene = args.scene.as_deref().ok_or_else(|| Failure::Usage("expected a scene".to_owned()))?;
+    let targets = Targets::new(scene, args.output.as_deref());
+    targets.probe(common)?;
+    let job = Job { common, args, settings: settings(common, args), targets, interrupt: &interrupt };
+    let watch = Stopwatch::start();
+    let loaded = scene_file::load(common, scene, &args.source)?;
+    check_size(&loaded, &job.settings)?;
+    let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
+    describe(&mut run_report, &job);
+    match render(&job, loaded) {
+        Ok(rendered) => finish(&job, &rendered, run_report),
+        Err(error) => Err(report::no_result(common, &mut run_report, &interrupt, error)),
+    }
+}
+
+/// The files to write.
+struct Targets {
+    exr: PathBuf,
+    png: PathBuf,
+}
+
+impl Targets {
+    fn new(scene: &Path, output: Option<&Path>) -> Self {
+        let base = output.map_or_else(|| PathBuf::from(scene_file::default_name(scene)), Path::to_owned);
+        let known = base.extension().is_some_and(|e| e == "exr" || e == "png");
+        let stem = if known { base.with_extension("") } else { base };
+        let with = |extension: &str| PathBuf::from(format!("{}.{extension}", stem.display()));
+        Self { exr: with("exr"), png: with("png") }
+    }
+
+    /// What cannot be written is found before anything is computed.
+    fn probe(&self, common: &Common) -> Result<(), Failure> {
+        for path in [Some(&self.exr), Some(&self.png), common.report.as_ref()].into_iter().flatten() {
+            probe_writable(path)?;
+        }
+        Ok(())
+    }
+}
+
+fn settings(common: &Common, args: &RenderArgs) -> RenderSettings {
+    RenderSettings {
+        method: args.method,
+        size: args.size.map(|s| (s.width, s.height)),
+        crop: args.crop.map(|c| c.0),
+        budget: Budget { spp: args.spp, time: args.time, cpu_time: args.cpu_time, error: args.error },
+        ..render_settings(common, &args.pass_one, Some(&args.pass_two))
+    }
+}
+
+fn tone_map(args: &RenderArgs) -> ToneMap {
+    let operator = match args.tone_map {
+        ToneMapName::Soft => Operator::Soft,
+        ToneMapName::Srgb => Operator::Srgb,
+    };
+    ToneMap { exposure: args.exposure, operator }
+}
+
+fn check_size(loaded: &LoadedScene, settings: &RenderSettings) -> Result<(), Failure> {
+    let (width, height) = settings.size.unwrap_or((loaded.scene.film.width, loaded.scene.film.height));
+    let pixels = settings.crop.map_or(width.saturating_mul(height), |[_, _, w, h]| w.saturating_mul(h));
+    if pixels > MOST_PIXELS {
+        return Err(Failure::Limit(format!("{pixels} pixels are over the limit of {MOST_PIXELS}; render parts with --crop")));
+    }
+    Ok(())
+}
+
+fn describe(run_report: &mut RunReport, job: &Job) {
+    let (args, settings) = (job.args, &job.settings);
+    let read_out = settings.read_out.unwrap_or(settings.method.read_out());
+    report::set(run_report, "read_out", read_out_name(read_out));
+    report::set(run_report, "spp", args.spp);
+    report::set(run_report, "time", args.time);
+    report::set(run_report, "cpu_time", args.cpu_time);
+    report::set(run_report, "error", args.error);
+    report::set(run_report, "size", args.size.map(|s| vec![s.width, s.height]));
+    report::set(run_report, "crop", args.crop.map(|c| c.0.to_vec()));
+    // null: the scene's; -1: unlimited.
+    let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
+    report::set(run_report, "max_depth", depth);
+    report::set(run_report, "gather_rays", settings.gather_rays);
+    report::set_pass_one(run_report, &args.pass_one);
+}
+
+/// Renders with progress, signals and partial pictures.
+fn render(job: &Job, loaded: LoadedScene) -> Result<Rendered, PipelineError> {
+    let clocks = Clocks::start(process_cpu_seconds);
+    let mut observer = observer(Display::new(job.common), job.interrupt);
+    let mut last = Instant::now();
+    let mut snapshot = |film: &Film| {
+        let Some(interval) = job.args.partial_every else { return };
+        if last.elapsed() >= Duration::from_secs_f64(interval) {
+            write_partial(job, film);
+            last = Instant::now();
+        }
+    };
+    pipeline::render(loaded.scene, &job.settings, &clocks, &mut observer, &mut snapshot)
+}
+
+/// Writes the picture so far. A failure is said and not fatal: the run may still end well.
+fn write_partial(job: &Job, film: &Film) {
+    let image = film.image();
+    let marked = Header::default().text("complete", "false").number("samples", film.n_passes().into());
+    let written = write_png(&job.targets.png, &image, &tone_map(job.args))
+        .and_then(|()| write_exr(&job.targets.exr, &[Layer::main(image)], &marked));
+    if let Err(error) = written {
+        say(job.common, &format!("warning: partial picture not written: {error}"));
+    }
+}
+
+/// Writes what was rendered, complete or not, and says how it went.
+fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(), Failure> {
+    let targets = &job.targets;
+    report::add_costs(&mut run_report, &rendered.stages, &rendered.counts);
+    report::add_film(&mut run_report, &rendered.film);
+    if let Some(pass_one) = &rendered.pass_one {
+        report::add_pass_one(&mut run_report, pass_one);
+    }
+    run_report.complete = rendered.complete;
+    run_report.stopped_by = match rendered.complete {
+        true => report::stop_reason(&job.settings.budget, &rendered.film),
+        false => StopReason::Interrupted,
+    };
+    let layers = rendered.layers();
+    let exr_header = header::header(rendered, &run_report);
+    let written = run_report.time(Stage::Write, || {
+        write_exr(&targets.exr, &layers, &exr_header)
+            .and_then(|()| write_png(&targets.png, &rendered.film.image(), &tone_map(job.args)))
+    });
+    report::finish(job.common, &mut run_report)?;
+    written?;
+    let spent = run_report.total();
+    let done = format!(
+        "{} and {}: {} samples per pixel in {:.1} s ({:.1} CPU s)",
+        targets.exr.display(),
+        targets.png.display(),
+        run_report.samples_per_pixel,
+        spent.wall_s,
+        spent.cpu_s
+    );
+    say(job.common, &format!("wrote {done}"));
+    report::verdict(&run_report, job.interrupt, "the picture so far is kept")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_two_pictures_differ_in_their_extension_only() {
+        for (output, exr) in [("a", "a.exr"), ("a.exr", "a.exr"), ("a.png", "a.exr"), ("b/a.v2", "b/a.v2.exr")] {
+            let targets = Targets::new(Path::new("scene.xml"), Some(Path::new(output)));
+            assert_eq!(targets.exr, Path::new(exr), "{output}");
+            assert_eq!(targets.png, targets.exr.with_extension("png"));
+        }
+        assert_eq!(Targets::new(Path::new("x/box/scene.xml"), None).exr, Path::new("box.exr"));
+    }
+}

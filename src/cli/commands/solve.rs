@@ -1,0 +1,63 @@
+//! `twopass solve`: pass one alone, and how well it went.
+
+use super::render_settings;
+use crate::cli::args::{Common, SolveArgs};
+use crate::cli::exit::Failure;
+use crate::cli::interrupt::Interrupt;
+use crate::cli::output::{print, short};
+use crate::cli::progress::{Display, observer};
+use crate::cli::{report, scene_file};
+use twopass::film::io::probe_writable;
+use twopass::pipeline;
+use twopass::run_report::{RunReport, StopReason, Stopwatch};
+
+/// Runs the subcommand.
+pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
+    let interrupt = Interrupt::listen();
+    common.report.as_deref().map_or(Ok(()), probe_writable)?;
+    let watch = Stopwatch::start();
+    let loaded = scene_file::load(common, &args.scene, &args.source)?;
+    let settings = render_settings(common, &args.pass_one, None);
+    let mut run_report = report::begin(common, &loaded, "solve", watch.elapsed());
+    report::set_pass_one(&mut run_report, &args.pass_one);
+
+    let mut observer = observer(Display::new(common), &interrupt);
+    let solved = pipeline::solve(loaded.scene, &settings, &mut observer);
+    let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
+    drop(observer);
+    report::add_costs(&mut run_report, &solved.stages, &solved.counts);
+    report::add_pass_one(&mut run_report, &solved.pass_one);
+    run_report.complete = solved.pass_one.solution.converged;
+    run_report.stopped_by = if run_report.complete { StopReason::Finished } else { StopReason::NotConverged };
+    report::finish(common, &mut run_report)?;
+    print(&summary(&run_report))?;
+    report::verdict(&run_report, &interrupt, "")
+}
+
+/// `name value` lines.
+fn summary(run_report: &RunReport) -> String {
+    let mut lines: Vec<(&str, String)> = Vec::new();
+    for name in ["patches", "form_factors", "form_factor_rays", "shadow_rays"] {
+        lines.push((name, run_report.counters.get(name).copied().unwrap_or(0).to_string()));
+    }
+    if let Some(closure) = &run_report.closure {
+        lines.push(("row_sum_min", closure.raw_row_sum_min.to_string()));
+        lines.push(("row_sum_max", closure.raw_row_sum_max.to_string()));
+        lines.push(("reciprocity_defect", short(closure.reciprocity_defect)));
+    }
+    if let Some(solver) = &run_report.solver {
+        lines.push(("sweeps", solver.sweeps.to_string()));
+        lines.push(("error_bound", short(solver.error_bound)));
+        lines.push(("converged", solver.converged.to_string()));
+    }
+    if let Some(power) = &run_report.power {
+        lines.push(("power_emitted", short(power.emitted)));
+        lines.push(("power_absorbed", short(power.absorbed)));
+        lines.push(("power_escaped", short(power.escaped)));
+        lines.push(("power_relative_defect", short(power.relative_defect)));
+    }
+    let spent = run_report.total();
+    lines.push(("seconds", format!("{:.3}", spent.wall_s)));
+    lines.push(("cpu_seconds", format!("{:.3}", spent.cpu_s)));
+    lines.iter().map(|(name, value)| format!("{name} {value}\n")).collect()
+}

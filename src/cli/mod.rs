@@ -1,0 +1,66 @@
+//! The program's own modules: command line, terminal, signals, exit codes. The library knows nothing of them.
+
+mod args;
+mod commands;
+mod exit;
+mod header;
+mod interrupt;
+mod output;
+mod progress;
+mod report;
+mod scene_file;
+mod values;
+
+use args::{Args, Command};
+use clap::Parser;
+use exit::Failure;
+use std::process::ExitCode;
+use twopass::accel::AccelError;
+
+/// More threads than this are never started.
+const MOST_THREADS: usize = 1024;
+
+/// Parses the command line, runs it, reports a failure once, and gives the exit code.
+pub fn main() -> ExitCode {
+    exit::install_panic_message();
+    let args = Args::parse();
+    // A panic is a fault of this program; its message has been printed by the hook.
+    match std::panic::catch_unwind(|| run(&args)) {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(failure)) => {
+            failure.print();
+            ExitCode::from(failure.code())
+        }
+        Err(_) => ExitCode::from(exit::INTERNAL),
+    }
+}
+
+fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(message) = args.not_delivered() {
+        return Err(Failure::Usage(message));
+    }
+    let Some(command) = &args.command else {
+        return if args.list_methods { commands::list_methods() } else { Err(Failure::no_command()) };
+    };
+    if !args.common.accel.is_available() {
+        return Err(Failure::Usage(AccelError::EmbreeMissing.to_string()));
+    }
+    start_threads(args.common.threads)?;
+    let common = &args.common;
+    match command {
+        Command::Render(render) if args.list_methods || render.list_methods => commands::list_methods(),
+        Command::Render(args) => commands::render::run(common, args),
+        Command::Solve(args) => commands::solve::run(common, args),
+        Command::Info(args) => commands::info::run(common, args),
+        Command::Probe(args) => commands::probe::run(common, args),
+        Command::Compare(args) => commands::compare::run(common, args),
+        Command::FormFactors(_) | Command::Experiment(_) | Command::Stability(_) | Command::Serve(_) => {
+            unreachable!("refused before")
+        }
+    }
+}
+
+fn start_threads(threads: usize) -> Result<(), Failure> {
+    let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MOST_THREADS));
+    builder.build_global().map_err(|error| Failure::Limit(format!("cannot start {threads} threads: {error}")))
+}

@@ -1,0 +1,161 @@
+//! From the results of the library to the run report.
+
+use super::args::{Common, PassOneArgs};
+use super::exit::Failure;
+use super::interrupt::{Interrupt, Signal};
+use super::output::say;
+use serde_json::Value;
+use twopass::film::Film;
+use twopass::integrator::drive::Budget;
+use twopass::load::LoadedScene;
+use twopass::pipeline::{PassOne, PipelineError, StageCost};
+use twopass::run_report::{Closure, Elapsed, NotFinite, PowerBalance, RunReport, SolverReport, StopReason};
+use twopass::world::walk::RayCounts;
+
+/// A report that knows the scene and the flags.
+pub fn begin(common: &Common, loaded: &LoadedScene, method: &str, loading: Elapsed) -> RunReport {
+    let mut report = RunReport::new(&loaded.scene.name, loaded.hash, method);
+    report.seed = common.seed;
+    report.threads = rayon::current_num_threads();
+    report.warnings = loaded.scene.warnings.clone();
+    report.settings.insert("accel".to_owned(), common.accel.name().into());
+    report.add_time(twopass::progress::Stage::Load, loading);
+    report
+}
+
+/// Adds a setting.
+pub fn set(report: &mut RunReport, name: &str, value: impl Into<Value>) {
+    report.settings.insert(name.to_owned(), value.into());
+}
+
+/// Adds the flags of pass one.
+pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
+    set(report, "form_factors", args.form_factors.as_str());
+    set(report, "solver", args.solver.as_str());
+    for (name, value) in
+        [("patch_size", args.patch_size), ("tolerance", args.tolerance), ("solver_tolerance", args.solver_tolerance)]
+    {
+        set(report, name, value);
+    }
+}
+
+/// Adds what rays and stages cost.
+pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCounts) {
+    for cost in stages {
+        report.add_time(cost.stage, Elapsed { wall_s: cost.wall, cpu_s: cost.cpu });
+    }
+    for (name, count) in [
+        ("camera_rays", counts.camera),
+        ("shadow_rays", counts.shadow),
+        ("gather_rays", counts.gather),
+        ("form_factor_rays", counts.form_factor),
+        ("reflected_rays", counts.reflected),
+        ("transmitted_rays", counts.transmitted),
+        ("truncated_rays", counts.truncated),
+    ] {
+        report.count(name, count);
+    }
+}
+
+/// Adds what pass one found.
+pub fn add_pass_one(report: &mut RunReport, pass_one: &PassOne) {
+    report.count("patches", pass_one.field.patches.len() as u64);
+    report.count("form_factors", pass_one.form_factors.n_nonzero() as u64);
+    report.count("sweeps", pass_one.solution.sweeps.into());
+    let raw = pass_one.form_factors.closure;
+    report.closure = Some(Closure {
+        raw_row_sum_min: raw.row_sum_min,
+        raw_row_sum_max: raw.row_sum_max,
+        worst_defect: (1.0 - raw.row_sum_min).abs().max((raw.row_sum_max - 1.0).abs()),
+        reciprocity_defect: raw.reciprocity_defect,
+    });
+    report.solver = Some(SolverReport {
+        method: "gauss-seidel".to_owned(),
+        sweeps: pass_one.solution.sweeps.into(),
+        error_bound: pass_one.solution.error_bound,
+        converged: pass_one.solution.converged,
+    });
+    let power = &pass_one.power;
+    report.power = Some(PowerBalance {
+        emitted: power.emitted,
+        absorbed: power.absorbed,
+        escaped: power.escaped,
+        truncated: None,
+        relative_defect: power.unaccounted.abs(),
+    });
+}
+
+/// Adds what the film holds.
+pub fn add_film(report: &mut RunReport, film: &Film) {
+    let (count, first) = film.bad_samples();
+    let first_pixel = first.map(|i| [i % film.width(), i / film.width()]);
+    report.not_finite = NotFinite { count, first_pixel };
+    report.samples_per_pixel = film.n_passes().into();
+    report.estimated_relmse = film.estimated_relmse();
+}
+
+/// Which limit of a budget ended a complete run.
+pub fn stop_reason(budget: &Budget, film: &Film) -> StopReason {
+    let error_met = || matches!((budget.error, film.estimated_relmse()), (Some(goal), Some(now)) if now <= goal);
+    if budget.is_unlimited() || budget.spp.is_some_and(|spp| film.n_passes() >= spp) {
+        StopReason::Samples
+    } else if error_met() {
+        StopReason::Error
+    } else if budget.time.is_some() {
+        StopReason::Time
+    } else {
+        StopReason::CpuTime
+    }
+}
+
+/// Writes the report if it was asked for, and says the times if the user wants to hear more.
+pub fn finish(common: &Common, report: &mut RunReport) -> Result<(), Failure> {
+    if common.verbose {
+        for stage in &report.stages {
+            say(common, &format!("{:14} {:9.3} s  {:9.3} CPU s", stage.name, stage.wall_s, stage.cpu_s));
+        }
+        for (name, count) in &report.counters {
+            say(common, &format!("{name:18} {count}"));
+        }
+    }
+    match &common.report {
+        Some(path) => Ok(report.write(path)?),
+        None => Ok(()),
+    }
+}
+
+/// The verdict on a run whose results are written: interrupted, in doubt, or good.
+pub fn verdict(report: &RunReport, interrupt: &Interrupt, kept: &str) -> Result<(), Failure> {
+    if let (false, Some(signal)) = (report.complete, interrupt.signal()) {
+        return Err(interrupted(signal, kept));
+    }
+    if report.not_finite.count > 0 {
+        let at = report.not_finite.first_pixel.map(|[x, y]| format!(", first at column {x}, row {y}")).unwrap_or_default();
+        let count = report.not_finite.count;
+        return Err(Failure::Check(format!("{count} samples were NaN, infinite or negative and were left out{at}")));
+    }
+    match &report.solver {
+        Some(solver) if !solver.converged => Err(Failure::Check(format!(
+            "pass one did not converge: after {} sweeps the error is bounded by {:.3e}",
+            solver.sweeps, solver.error_bound
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// A run that ended without a result: the report is written nevertheless, and the failure says why.
+pub fn no_result(common: &Common, report: &mut RunReport, interrupt: &Interrupt, error: PipelineError) -> Failure {
+    let stopped = error == PipelineError::Stopped;
+    report.stopped_by = if stopped { StopReason::Interrupted } else { StopReason::Failed };
+    if let Err(failure) = finish(common, report) {
+        return failure;
+    }
+    match interrupt.signal() {
+        Some(signal) if stopped => interrupted(signal, "there was no result yet to keep"),
+        _ => error.into(),
+    }
+}
+
+fn interrupted(signal: Signal, kept: &str) -> Failure {
+    Failure::Interrupted { signal, kept: kept.to_owned() }
+}

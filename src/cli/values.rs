@@ -1,0 +1,145 @@
+//! Values of flags: text to number, with a message that says what was expected.
+
+use std::str::FromStr;
+use twopass::integrator::{Method, ReadOut};
+
+/// `name=value`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Define {
+    /// Name of a scene parameter.
+    pub name: String,
+    /// Its value.
+    pub value: String,
+}
+
+impl FromStr for Define {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once('=') {
+            Some((name, value)) if !name.is_empty() => Ok(Self { name: name.to_owned(), value: value.to_owned() }),
+            _ => Err("expected NAME=VALUE".to_owned()),
+        }
+    }
+}
+
+/// Width and height in pixels, both at least 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Width.
+    pub width: usize,
+    /// Height.
+    pub height: usize,
+}
+
+impl FromStr for Size {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let side = |s: &str| s.parse::<u32>().ok().filter(|n| *n > 0).map(|n| n as usize);
+        let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((side(w)?, side(h)?)));
+        sides.map(|(width, height)| Self { width, height }).ok_or_else(|| "expected WxH, such as 640x480".to_owned())
+    }
+}
+
+/// Left, top, width, height in pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Crop(pub [usize; 4]);
+
+/// Parses `X,Y,W,H`.
+pub fn parse_crop(text: &str) -> Result<Crop, String> {
+    let numbers: Option<Vec<usize>> = text.split(',').map(|s| s.trim().parse::<u32>().ok().map(|n| n as usize)).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Crop([x, y, width, height])),
+        _ => Err("expected X,Y,W,H in pixels, W and H at least 1".to_owned()),
+    }
+}
+
+/// A limit of light path edges; `None`: unlimited.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Depth(pub Option<u32>);
+
+/// Parses a depth: -1 is unlimited.
+pub fn parse_depth(text: &str) -> Result<Depth, String> {
+    match text.parse::<i64>() {
+        Ok(-1) => Ok(Depth(None)),
+        Ok(n) => u32::try_from(n).map(|n| Depth(Some(n))).map_err(|_| "expected -1 (unlimited) or 0 and up".to_owned()),
+        Err(_) => Err("expected a whole number".to_owned()),
+    }
+}
+
+/// Parses a finite number above 0.
+pub fn parse_positive(text: &str) -> Result<f64, String> {
+    parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())
+}
+
+/// Parses a finite number.
+pub fn parse_finite(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
+}
+
+/// Parses the name of a method.
+pub fn parse_method(text: &str) -> Result<Method, String> {
+    let names = Method::ALL.map(Method::name).join(", ");
+    Method::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
+/// Parses the name of a read-out.
+pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
+    match text {
+        "stored" => Ok(ReadOut::Stored),
+        "direct-stored" => Ok(ReadOut::DirectStored),
+        "final-gather" => Ok(ReadOut::FinalGather),
+        _ => Err("expected stored, direct-stored or final-gather".to_owned()),
+    }
+}
+
+/// Name of a read-out, as it is typed.
+pub fn read_out_name(read_out: ReadOut) -> &'static str {
+    match read_out {
+        ReadOut::Stored => "stored",
+        ReadOut::DirectStored => "direct-stored",
+        ReadOut::FinalGather => "final-gather",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_crops() {
+        assert_eq!("640x480".parse(), Ok(Size { width: 640, height: 480 }));
+        for bad in ["640", "0x1", "1x0", "-5x3", "4294967297x1", "x", "1x2x3", ""] {
+            assert!(bad.parse::<Size>().is_err(), "{bad}");
+        }
+        assert_eq!(parse_crop("1,2,3,4"), Ok(Crop([1, 2, 3, 4])));
+        for bad in ["1,2,3", "1,2,0,4", "1,2,3,-4", "1,2,3,4,5", "a,b,c,d"] {
+            assert!(parse_crop(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_mean_nothing_are_refused() {
+        for bad in ["0", "-1", "nan", "inf", "1e400", "", "ten"] {
+            assert!(parse_positive(bad).is_err(), "{bad}");
+        }
+        assert_eq!(parse_positive("1e-3"), Ok(1e-3));
+        assert_eq!(parse_finite("-2.5"), Ok(-2.5));
+        assert_eq!(parse_depth("-1"), Ok(Depth(None)));
+        assert_eq!(parse_depth("5"), Ok(Depth(Some(5))));
+        assert!(parse_depth("-7").is_err() && parse_depth("4294967296").is_err());
+    }
+
+    #[test]
+    fn defines_keep_what_follows_the_first_equals_sign() {
+        assert_eq!("a=b=c".parse(), Ok(Define { name: "a".into(), value: "b=c".into() }));
+        assert!("a".parse::<Define>().is_err() && "=1".parse::<Define>().is_err());
+    }
+
+    #[test]
+    fn names_of_methods_are_those_of_the_table() {
+        for method in Method::ALL {
+            assert_eq!(parse_method(method.name()), Ok(method));
+        }
+        assert!(parse_method("metropolis").unwrap_err().contains("two-pass-whitted"));
+    }
+}
