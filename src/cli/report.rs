@@ -42,7 +42,7 @@ pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
 /// Adds what rays and stages cost.
 pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCounts) {
     for cost in stages {
-        report.add_time(cost.stage, Elapsed { wall_s: cost.wall, cpu_s: cost.cpu });
+        report.add_time(cost.stage, cost.time);
     }
     for (name, count) in [
         ("camera_rays", counts.camera),

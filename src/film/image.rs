@@ -68,8 +68,7 @@ impl Image {
             sum.map(|s| s / count)
         };
         let (w, h) = (self.width, self.height);
-        let across: Vec<[f64; 3]> =
-            (0..w * h).map(|i| rows(&|x, y| self.at(x, y).map(f64::from), w, i % w, i / w)).collect();
+        let across: Vec<[f64; 3]> = (0..w * h).map(|i| rows(&|x, y| self.at(x, y).map(f64::from), w, i % w, i / w)).collect();
         let pixels = (0..w * h).map(|i| rows(&|y, x| across[y * w + x], h, i / w, i % w).map(|v| v as f32)).collect();
         Image::from_pixels(w, h, pixels)
     }

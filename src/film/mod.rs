@@ -82,7 +82,9 @@ impl PixelSample {
     /// Radiance [W/(m² sr)].
     #[inline]
     pub fn radiance(&self) -> Rgb {
-        self.layers[Quantity::Direct as usize] + self.layers[Quantity::Indirect as usize] + self.layers[Quantity::Caustic as usize]
+        self.layers[Quantity::Direct as usize]
+            + self.layers[Quantity::Indirect as usize]
+            + self.layers[Quantity::Caustic as usize]
     }
 }
 
@@ -156,18 +158,18 @@ impl Film {
     /// Mean radiance of all passes.
     pub fn image(&self) -> Image {
         let n = f64::from(self.n_passes().max(1));
-        self.from_pixels(|i| (self.halves[0][i] + self.halves[1][i]) / n)
+        self.picture_of(|i| (self.halves[0][i] + self.halves[1][i]) / n)
     }
 
     /// Mean of one quantity.
     pub fn quantity_image(&self, layer: Quantity) -> Image {
         let n = f64::from(self.n_passes().max(1));
-        self.from_pixels(|i| self.layers[i][layer as usize] / n)
+        self.picture_of(|i| self.layers[i][layer as usize] / n)
     }
 
     /// Variance of the pixel's mean, from the two halves: unbiased, one degree of freedom a pixel. Black before the second pass.
     pub fn variance_image(&self) -> Image {
-        self.from_pixels(|i| self.half_difference(i).map(|d| 0.25 * d * d))
+        self.picture_of(|i| self.half_difference(i).map(|d| 0.25 * d * d))
     }
 
     /// Predicted relmse of the picture by its own two halves: mean of ((A-B)/2)²/(S²+0.01), S the mean over 5x5 pixels. Noise only;
@@ -192,7 +194,7 @@ impl Film {
         self.halves[0][i] / f64::from(self.passes[0]) - self.halves[1][i] / f64::from(self.passes[1])
     }
 
-    fn from_pixels(&self, value: impl Fn(usize) -> Rgb) -> Image {
+    fn picture_of(&self, value: impl Fn(usize) -> Rgb) -> Image {
         let pixels = (0..self.width * self.height).map(|i| value(i).to_array().map(|v| v as f32)).collect();
         Image::from_pixels(self.width, self.height, pixels)
     }

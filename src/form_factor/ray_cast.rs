@@ -59,7 +59,8 @@ pub fn cast(
         }
     }
     let mut matrix = FormFactorMatrix::from_rows(rows);
-    let sums = (0..n).map(|i| matrix.direct_sum(i) + matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>() + matrix.escaped(i).max());
+    let sums =
+        (0..n).map(|i| matrix.direct_sum(i) + matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>() + matrix.escaped(i).max());
     let (low, high) = sums.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(s), h.max(s)));
     if n > 0 {
         (matrix.closure.row_sum_min, matrix.closure.row_sum_max) = (low, high);

@@ -4,7 +4,10 @@
 //! does not count the emission of a lamp that shadow rays find, unless it came there through a mirror or glass, where no shadow ray
 //! goes.
 
-use super::{TwoPass, whitted::{Path, Trace}};
+use super::{
+    TwoPass,
+    whitted::{Path, Trace},
+};
 use crate::film::Quantity;
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;

@@ -48,7 +48,9 @@ impl Method {
     pub fn describe(self) -> &'static str {
         match self {
             Method::TwoPass => "L(S|D)*E; radiosity, then shadow and gather rays at diffuse hits; error floor set by the patches",
-            Method::TwoPassWhitted => "L(S|D)*E; radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches",
+            Method::TwoPassWhitted => {
+                "L(S|D)*E; radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches"
+            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
 use super::{Frame, Integrator, ReadOut, TwoPass};
-use crate::film::{Quantity, PixelSample};
+use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::material::Lobe;
 use crate::math::{Rgb, Sampler, Vec2, sampler::mix};

@@ -28,8 +28,7 @@ pub fn group(world: &World, primitives: &[u32], patch_size: f64) -> Vec<Vec<u32>
         })
         .collect();
     keyed.sort_unstable();
-    let groups: Vec<Vec<u32>> =
-        keyed.chunk_by(|a, b| a.0 == b.0).map(|group| group.iter().map(|(_, p)| *p).collect()).collect();
+    let groups: Vec<Vec<u32>> = keyed.chunk_by(|a, b| a.0 == b.0).map(|group| group.iter().map(|(_, p)| *p).collect()).collect();
     groups.into_par_iter().flat_map_iter(|group| parts_in_sight(world, group, size)).collect()
 }
 
@@ -48,7 +47,8 @@ fn parts_in_sight(world: &World, group: Vec<u32>, size: f32) -> Vec<Vec<u32>> {
     let mut rest = group;
     while rest.len() > 1 && parts.len() + 1 < MOST_PARTS {
         let seed = rest[0];
-        let (together, apart): (Vec<u32>, Vec<u32>) = rest.into_iter().partition(|&p| p == seed || in_sight(world, seed, p, size));
+        let (together, apart): (Vec<u32>, Vec<u32>) =
+            rest.into_iter().partition(|&p| p == seed || in_sight(world, seed, p, size));
         parts.push(together);
         rest = apart;
     }

@@ -210,7 +210,8 @@ fn clip_to_triangle(p: Point, q: Point) -> Option<[Point; 2]> {
 /// Segments on one line are one cut; lines on which too little stands are dropped.
 fn merge(plane: &Plane, segments: Vec<Cut>, patch_size: f64) -> Vec<Cut> {
     let mut cuts: Vec<Cut> = Vec::new();
-    let long_enough = |cut: &Cut| plane.length(cut.from, cut.to) > 1e-6 * patch_size && cut.line.a.is_finite() && cut.line.b.is_finite();
+    let long_enough =
+        |cut: &Cut| plane.length(cut.from, cut.to) > 1e-6 * patch_size && cut.line.a.is_finite() && cut.line.b.is_finite();
     let mut keyed: Vec<Cut> = segments.into_iter().filter(long_enough).collect();
     // The longest stretch inside gives the line its direction.
     keyed.sort_by(|a, b| plane.length(b.from, b.to).total_cmp(&plane.length(a.from, a.to)));

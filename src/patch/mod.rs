@@ -13,8 +13,8 @@ use crate::material::Material;
 use crate::math::{Rgb, Vec2, Vec3, warp};
 use crate::scene::ShapeSurface;
 use crate::world::{SurfaceInteraction, World};
-use std::f64::consts::PI;
 use cuts::Cutters;
+use std::f64::consts::PI;
 use subdivide::{NO_PIECE, SplitTree};
 
 /// Triangles with no edge longer than this many patch sizes are never cut.
@@ -46,7 +46,9 @@ impl Default for PatchSettings {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PatchError {
     /// Too many.
-    #[error("a patch size of {patch_size} would make about {estimate:.0} patches, more than the limit of {limit}; ask for larger patches")]
+    #[error(
+        "a patch size of {patch_size} would make about {estimate:.0} patches, more than the limit of {limit}; ask for larger patches"
+    )]
     TooMany {
         /// Edge length asked for.
         patch_size: f64,

@@ -1,41 +1,30 @@
-//! What each stage cost in wall and CPU seconds.
+//! What each stage of a run cost in wall and CPU seconds.
 
 use crate::progress::Stage;
-use nix::sys::resource::{UsageWho, getrusage};
-use std::time::Instant;
+use crate::run_report::{Elapsed, Stopwatch};
 
 /// Time spent in one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageCost {
     /// Which.
     pub stage: Stage,
-    /// Wall seconds.
-    pub wall: f64,
-    /// CPU seconds of the whole process, user and system.
-    pub cpu: f64,
-}
-
-/// CPU seconds of this process so far, user and system; 0 where the system does not tell.
-pub fn cpu_seconds() -> f64 {
-    getrusage(UsageWho::RUSAGE_SELF).map_or(0.0, |usage| {
-        let seconds = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 + t.tv_usec() as f64 * 1e-6;
-        seconds(usage.user_time()) + seconds(usage.system_time())
-    })
+    /// What it took.
+    pub time: Elapsed,
 }
 
 /// Collects the costs of stages.
 #[derive(Debug, Clone, Default)]
-pub struct Stopwatch {
+pub struct StageCosts {
     /// Costs so far, in order.
     pub stages: Vec<StageCost>,
 }
 
-impl Stopwatch {
+impl StageCosts {
     /// Runs `work` and records what it cost.
     pub fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
-        let (started, cpu) = (Instant::now(), cpu_seconds());
+        let watch = Stopwatch::start();
         let result = work();
-        self.stages.push(StageCost { stage, wall: started.elapsed().as_secs_f64(), cpu: cpu_seconds() - cpu });
+        self.stages.push(StageCost { stage, time: watch.elapsed() });
         result
     }
 }

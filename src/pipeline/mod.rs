@@ -4,7 +4,7 @@ pub mod cost;
 pub mod pass_one;
 pub mod probe;
 
-pub use cost::{StageCost, Stopwatch, cpu_seconds};
+pub use cost::{StageCost, StageCosts};
 pub use pass_one::{PassOne, PassOneSettings};
 
 use crate::accel::{AccelError, AccelKind};
@@ -18,7 +18,6 @@ use crate::radiosity::SolveError;
 use crate::scene::Scene;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
-
 
 /// Everything that a render depends on besides the scene.
 #[derive(Debug, Clone)]
@@ -133,7 +132,7 @@ pub fn render(
     observer: &mut Observer<'_>,
     snapshot: &mut dyn FnMut(&Film),
 ) -> Result<Rendered, PipelineError> {
-    let mut watch = Stopwatch::default();
+    let mut watch = StageCosts::default();
     frame_of(&scene, settings)?;
     let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
     render_world(world, settings, clocks, watch, observer, snapshot)
@@ -147,7 +146,7 @@ pub fn render_world(
     world: World,
     settings: &RenderSettings,
     clocks: &Clocks,
-    mut watch: Stopwatch,
+    mut watch: StageCosts,
     observer: &mut Observer<'_>,
     snapshot: &mut dyn FnMut(&Film),
 ) -> Result<Rendered, PipelineError> {
@@ -201,7 +200,7 @@ pub struct Solved {
 /// # Errors
 /// [`PipelineError`] if there is no solution.
 pub fn solve(scene: Scene, settings: &RenderSettings, observer: &mut Observer<'_>) -> Result<Solved, PipelineError> {
-    let mut watch = Stopwatch::default();
+    let mut watch = StageCosts::default();
     let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
     let mut counts = RayCounts::default();
     let pass_one = pass_one::solve(&world, &settings.pass_one, settings.seed, &mut watch, &mut counts, observer)?;
@@ -213,7 +212,8 @@ fn frame_of(scene: &Scene, settings: &RenderSettings) -> Result<Frame, PipelineE
     let mut frame = Frame::whole(width, height);
     if let Some(crop) = settings.crop {
         let [x, y, w, h] = crop;
-        let inside = |start: usize, length: usize, whole: usize| length > 0 && start.checked_add(length).is_some_and(|end| end <= whole);
+        let inside =
+            |start: usize, length: usize, whole: usize| length > 0 && start.checked_add(length).is_some_and(|end| end <= whole);
         if !inside(x, w, width) || !inside(y, h, height) {
             return Err(PipelineError::Crop(crop, width, height));
         }

@@ -1,6 +1,6 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
-use super::{PipelineError, cost::Stopwatch};
+use super::{PipelineError, cost::StageCosts};
 use crate::form_factor::FormFactorMatrix;
 use crate::form_factor::ray_cast::{self, RayCastSettings};
 use crate::math::{Rgb, Sampler, sampler::mix};
@@ -66,7 +66,7 @@ pub fn solve(
     world: &World,
     settings: &PassOneSettings,
     seed: u64,
-    watch: &mut Stopwatch,
+    watch: &mut StageCosts,
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Result<PassOne, PipelineError> {
@@ -136,8 +136,8 @@ fn balance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix, 
     let total = |v: Rgb| v.r + v.g + v.b;
     let emitted = total(world.scene().power());
     let (mut absorbed, mut escaped) = (0.0, 0.0);
-    for i in 0..patches.len() {
-        let (rho, h, a) = (patches.rho[i], irradiance[i], patches.area[i]);
+    for (i, &h) in irradiance.iter().enumerate() {
+        let (rho, a) = (patches.rho[i], patches.area[i]);
         absorbed += a * total((Rgb::WHITE - rho) * h);
         escaped += a * total(form_factors.escaped(i) * (rho * h + patches.exitance[i]));
     }

@@ -126,7 +126,8 @@ mod tests {
     #[test]
     fn a_closed_scene_that_absorbs_nothing_is_refused() {
         let matrix = cube();
-        let system = RadiositySystem { rho: &[Rgb::WHITE; 6], area: &[1.0; 6], form_factors: &matrix, source: vec![Rgb::WHITE; 6] };
+        let system =
+            RadiositySystem { rho: &[Rgb::WHITE; 6], area: &[1.0; 6], form_factors: &matrix, source: vec![Rgb::WHITE; 6] };
         let got = solve(&system, &SolverSettings::default(), &mut crate::progress::silent);
         assert!(matches!(got, Err(SolveError::NoSteadyState { .. })));
     }

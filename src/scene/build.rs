@@ -120,7 +120,7 @@ impl Scene {
                 ShapeSurface::Mesh(mesh) => Emitter::of_mesh(mesh),
                 ShapeSurface::Sphere(sphere) => Emitter::Sphere(*sphere),
             };
-            (emitter.area() > 0.0).then(|| Light::Area(AreaLight { shape: i as u32, radiance: s.emission, emitter }))
+            (emitter.area() > 0.0).then_some(Light::Area(AreaLight { shape: i as u32, radiance: s.emission, emitter }))
         });
         let points = source
             .point_lights

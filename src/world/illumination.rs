@@ -82,7 +82,8 @@ impl World {
 
     /// A point in free space as a receiver with normal `n`, for probes.
     pub fn receiver_at(&self, point: Vec3, n: Vec3) -> SurfaceInteraction {
-        let error = Vec3::splat(self.bounds.min.abs().max(self.bounds.max.abs()).max(point.abs()).max_element() * super::POINT_ERROR);
+        let error =
+            Vec3::splat(self.bounds.min.abs().max(self.bounds.max.abs()).max(point.abs()).max_element() * super::POINT_ERROR);
         SurfaceInteraction::new(point, error, n, n, Vec2::ZERO, (0.0, 0.0), 0, 0, n)
     }
 }

@@ -16,7 +16,10 @@ fn every_pixel_of_the_furnace_has_its_radiance() {
                 let want = 1.0 / (1.0 - rho);
                 for pixel in rendered.film.image().pixels() {
                     let got = f64::from(pixel[1]);
-                    assert!((got / want - 1.0).abs() < 1e-3, "rho {rho}, {read_out:?}, {gather_rays} rays: {got}, expected {want}");
+                    assert!(
+                        (got / want - 1.0).abs() < 1e-3,
+                        "rho {rho}, {read_out:?}, {gather_rays} rays: {got}, expected {want}"
+                    );
                 }
             }
         }

@@ -5,8 +5,9 @@ use glam::{DVec2, DVec3};
 use twopass::accel::AccelKind;
 use twopass::integrator::drive::Clocks;
 use twopass::integrator::{IntegratorSettings, ReadOut};
-use twopass::pipeline::{Stopwatch, cpu_seconds, probe, render_world, solve};
+use twopass::pipeline::{StageCosts, probe, render_world, solve};
 use twopass::progress::silent;
+use twopass::run_report::process_cpu_seconds;
 use twopass::scene::Scene;
 use twopass::world::{DirectSampling, EmitterPartition, World};
 
@@ -32,10 +33,19 @@ fn assert_close(name: &str, got: f64, want: f64, tolerance: f64) {
 /// down-facing disk of 1000 cd along its normal stands for the point; its radius of 1 cm changes the fourth digit.
 #[test]
 fn a_small_lambertian_lamp_follows_the_fourth_power_of_the_cosine() {
-    let points = [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.5, 0.0), (0.5, 0.5), (1.0, 0.5), (1.5, 0.5), (1.0, 1.0), (1.5, 1.0), (1.5, 1.5)];
+    let points =
+        [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.5, 0.0), (0.5, 0.5), (1.0, 0.5), (1.5, 0.5), (1.0, 1.0), (1.5, 1.0), (1.5, 1.5)];
     let want = [
-        111.111_111_111, 105.186_267_348, 90.0, 71.111_111_111, 99.722_991_69, 85.663_295_657, 68.052_930_057, 74.380_165_289,
-        59.975_010_412, 49.382_716_049,
+        111.111_111_111,
+        105.186_267_348,
+        90.0,
+        71.111_111_111,
+        99.722_991_69,
+        85.663_295_657,
+        68.052_930_057,
+        74.380_165_289,
+        59.975_010_412,
+        49.382_716_049,
     ];
     let mut room = Room::new(DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 4);
     let black = room.grey(0.0);
@@ -95,9 +105,10 @@ fn shadow_and_gather_emitters_are_disjoint_and_complete() {
     for share in [0.0, 0.1, 1.0] {
         let partition = EmitterPartition::new(&scene, share);
         for (shape, s) in scene.shapes.iter().enumerate() {
-            let listed = partition.shadow_lights().iter().filter(|&&l| {
-                matches!(&scene.lights[l], twopass::light::Light::Area(a) if a.shape as usize == shape)
-            });
+            let listed = partition
+                .shadow_lights()
+                .iter()
+                .filter(|&&l| matches!(&scene.lights[l], twopass::light::Light::Area(a) if a.shape as usize == shape));
             let (listed, flagged) = (listed.count(), partition.found_by_shadow_rays(shape));
             assert_eq!(listed == 1, flagged, "shape {shape} at share {share}: listed {listed} times, flagged {flagged}");
             assert!(listed <= 1 && (!s.emission.is_black() || !flagged));
@@ -116,8 +127,8 @@ fn the_picture_does_not_depend_on_how_emitters_are_divided() {
         let world = World::with_partition(scene, AccelKind::Obvhs, partition).expect("builds");
         let mut settings = quick(64, 0.2);
         settings.read_out = Some(read_out);
-        let clocks = Clocks::start(cpu_seconds);
-        let rendered = render_world(world, &settings, &clocks, Stopwatch::default(), &mut silent, &mut |_| {}).expect("renders");
+        let clocks = Clocks::start(process_cpu_seconds);
+        let rendered = render_world(world, &settings, &clocks, StageCosts::default(), &mut silent, &mut |_| {}).expect("renders");
         let image = rendered.film.image();
         image.pixels().iter().map(|p| f64::from(p[1])).sum::<f64>() / image.pixels().len() as f64
     };

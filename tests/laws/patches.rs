@@ -61,7 +61,8 @@ fn no_patch_straddles_a_partition() {
             continue;
         }
         let points = (0..64).map(|k| mesh.sample(&world, PatchId(i), Sampler::new(1, u64::from(i), k).next_2d()).point);
-        let sides: Vec<bool> = points.map(|p| p.as_dvec3() + world.scene().origin).filter(|p| p.z < 1.0).map(|p| p.x > 0.137).collect();
+        let sides: Vec<bool> =
+            points.map(|p| p.as_dvec3() + world.scene().origin).filter(|p| p.z < 1.0).map(|p| p.x > 0.137).collect();
         straddling += u32::from(sides.contains(&true) && sides.contains(&false));
     }
     assert_eq!(straddling, 0, "patches with points on both sides of the wall");

@@ -4,8 +4,9 @@ use twopass::geometry::tessellate;
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::material::{Material, MaterialId, Surface, Texture};
 use twopass::math::{DAffine3, DVec3, Rgb};
-use twopass::pipeline::{RenderSettings, Rendered, cpu_seconds, render};
+use twopass::pipeline::{RenderSettings, Rendered, render};
 use twopass::progress::silent;
+use twopass::run_report::process_cpu_seconds;
 use twopass::scene::camera::FovAxis;
 use twopass::scene::{Camera, FilmSettings, Scene, SceneSource, ShapeSource, SurfaceSource};
 
@@ -75,14 +76,7 @@ impl Room {
     pub fn walls(&mut self, low: DVec3, high: DVec3, materials: [MaterialId; 6], emission: [f64; 6]) {
         let d = high - low;
         let (x, y, z) = (DVec3::X * d.x, DVec3::Y * d.y, DVec3::Z * d.z);
-        let faces = [
-            (low, y, z),
-            (low + x, z, y),
-            (low, z, x),
-            (low + y, x, z),
-            (low, x, y),
-            (low + z, y, x),
-        ];
+        let faces = [(low, y, z), (low + x, z, y), (low, z, x), (low + y, x, z), (low, x, y), (low + z, y, x)];
         for (i, (corner, e1, e2)) in faces.into_iter().enumerate() {
             self.quad(corner, e1, e2, materials[i], emission[i]);
         }
@@ -118,5 +112,5 @@ pub fn quick(spp: u32, patch_size: f64) -> RenderSettings {
 
 /// Renders without anybody watching.
 pub fn run(scene: Scene, settings: &RenderSettings) -> Rendered {
-    render(scene, settings, &Clocks::start(cpu_seconds), &mut silent, &mut |_| {}).expect("renders")
+    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_| {}).expect("renders")
 }
