@@ -157,20 +157,23 @@ impl<'a> Loader<'a> {
         Ok((eta, reflectance, transmittance))
     }
 
-    /// A coated diffuse base by a diffuse surface that reflects as much of a uniform light, the gloss aside.
+    /// A coated diffuse base by a diffuse surface that reflects as much of a uniform light, gloss and base together.
+    ///
+    /// Without the gloss an interior with a polished floor loses a tenth of its light.
     fn plastic(&mut self, object: &'a Object) -> Result<Material, LoadError> {
         let eta = relative_index(object, "polypropylene")?;
         let nonlinear = object.boolean("nonlinear", false)?;
         let base = self.texture(object, "diffuse_reflectance", 0.5)?;
-        self.color(object, "specular_reflectance", 1.0, Use::Reflectance)?;
+        let tint = self.color(object, "specular_reflectance", 1.0, Use::Reflectance)?;
         let albedo = if object.plugin == "plastic" {
             CoatedAlbedo::smooth(eta, nonlinear)
         } else {
             let roughness = self.roughness(object)?;
             CoatedAlbedo::rough(eta, roughness.alpha, roughness.distribution, nonlinear)
         };
-        self.note(format!("{} by a diffuse surface of its diffuse albedo", object.plugin));
-        Ok(Material::Diffuse { reflectance: base.map(|rho| albedo.of(rho)) })
+        self.note(format!("{} by a diffuse surface of its albedo, gloss included", object.plugin));
+        let reflected = |rho| (albedo.of(rho) + tint * albedo.gloss()).map(|v| v.min(1.0));
+        Ok(Material::Diffuse { reflectance: base.map(reflected) })
     }
 
     fn roughness(&mut self, object: &'a Object) -> Result<Roughness, LoadError> {

@@ -13,6 +13,7 @@ use std::f64::consts::PI;
 pub struct CoatedAlbedo {
     transmitted: f64,
     internal: f64,
+    gloss: f64,
     nonlinear: bool,
 }
 
@@ -28,8 +29,10 @@ pub enum Distribution {
 impl CoatedAlbedo {
     /// Smooth coat of relative index `eta`. `nonlinear`: the colour shifts with internal scattering.
     pub fn smooth(eta: f64, nonlinear: bool) -> Self {
-        let through = 1.0 - fresnel::dielectric_mean(eta);
-        Self { transmitted: through * through / (eta * eta), internal: fresnel::dielectric_mean(1.0 / eta), nonlinear }
+        let gloss = fresnel::dielectric_mean(eta);
+        let through = 1.0 - gloss;
+        let transmitted = through * through / (eta * eta);
+        Self { transmitted, internal: fresnel::dielectric_mean(1.0 / eta), gloss, nonlinear }
     }
 
     /// Rough coat of relative index `eta` and roughness `alpha` > 0.
@@ -42,13 +45,20 @@ impl CoatedAlbedo {
         }
         let inward = Boundary { eta, alpha, distribution };
         let outward = Boundary { eta: 1.0 / eta, ..inward };
-        let through = mean(|i, n| (f64::from(i) + 0.5) / f64::from(n), |mu| inward.scatter(mu).transmitted);
+        let middle = |i, n| (f64::from(i) + 0.5) / f64::from(n);
+        let through = mean(middle, |mu| inward.scatter(mu).transmitted);
+        let gloss = mean(middle, |mu| inward.scatter(mu).reflected);
         // Mitsuba's mean runs over both ends of the interval and so comes out 1/64 lower than the integral.
         let internal = mean(|i, n| f64::from(i).max(1e-6) / f64::from(n - 1), |mu| outward.scatter(mu).reflected);
-        Self { transmitted: through * through / (eta * eta), internal, nonlinear }
+        Self { transmitted: through * through / (eta * eta), internal, gloss, nonlinear }
     }
 
-    /// Albedo for reflectance parameter `rho`, per channel.
+    /// Share of a uniform light that the coat itself reflects.
+    pub fn gloss(&self) -> f64 {
+        self.gloss
+    }
+
+    /// Diffuse albedo for reflectance parameter `rho`, per channel.
     pub fn of(&self, rho: Rgb) -> Rgb {
         rho.map(|rho| {
             let denominator = if self.nonlinear { 1.0 - rho * self.internal } else { 1.0 - self.internal };

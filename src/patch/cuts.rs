@@ -86,8 +86,6 @@ impl Cut {
 struct Plane {
     origin: DVec3,
     normal: DVec3,
-    e1: DVec3,
-    e2: DVec3,
     /// Rows that turn p - origin into barycentric u and v.
     to_u: DVec3,
     to_v: DVec3,
@@ -99,16 +97,12 @@ impl Plane {
         let (e1, e2) = (b - a, c - a);
         let n = e1.cross(e2);
         let n2 = n.length_squared();
-        Self { origin: a, normal: n / n2.sqrt(), e1, e2, to_u: e2.cross(n) / n2, to_v: n.cross(e1) / n2 }
+        Self { origin: a, normal: n / n2.sqrt(), to_u: e2.cross(n) / n2, to_v: n.cross(e1) / n2 }
     }
 
     fn barycentric(&self, p: DVec3) -> Point {
         let d = p - self.origin;
         [d.dot(self.to_u), d.dot(self.to_v)]
-    }
-
-    fn length(&self, p: Point, q: Point) -> f64 {
-        (self.e1 * (q[0] - p[0]) + self.e2 * (q[1] - p[1])).length()
     }
 }
 
@@ -159,7 +153,7 @@ pub fn cutting_lines(world: &World, cutters: &Cutters, primitive: u32, patch_siz
     merge(&plane, segments, patch_size)
 }
 
-/// Where a triangle crosses or touches the plane, its stretch clipped to the plane's own triangle.
+/// Where a triangle crosses or touches the plane, also beyond the plane's own triangle: what counts is how much stands on a line.
 fn segment(plane: &Plane, corners: [Vec3; 3], tolerance: f64) -> Option<Cut> {
     let p = corners.map(|c| c.as_dvec3());
     let d = p.map(|p| {
@@ -180,41 +174,20 @@ fn segment(plane: &Plane, corners: [Vec3; 3], tolerance: f64) -> Option<Cut> {
     }
     match ends[..] {
         [a, b] => {
-            let [from, to] = clip_to_triangle(plane.barycentric(a), plane.barycentric(b))?;
-            // What counts is how much stands on the line, also beyond this triangle: a wall may cross just its corner.
+            let (from, to) = (plane.barycentric(a), plane.barycentric(b));
             Some(Cut { line: Line::through(from, to), from, to, length: (a - b).length() })
         }
         _ => None,
     }
 }
 
-/// The stretch of a segment inside u, v >= 0, u + v <= 1.
-fn clip_to_triangle(p: Point, q: Point) -> Option<[Point; 2]> {
-    let (mut low, mut high) = (0.0_f64, 1.0_f64);
-    let inside: [fn(Point) -> f64; 3] = [|x| x[0], |x| x[1], |x| 1.0 - x[0] - x[1]];
-    for f in inside {
-        let (d, e) = (f(p), f(q));
-        if d < 0.0 && e < 0.0 {
-            return None;
-        }
-        if d < 0.0 {
-            low = low.max(d / (d - e));
-        } else if e < 0.0 {
-            high = high.min(d / (d - e));
-        }
-    }
-    let at = |t: f64| [p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])];
-    (high > low).then(|| [at(low), at(high)])
-}
-
 /// Segments on one line are one cut; lines on which too little stands are dropped.
 fn merge(plane: &Plane, segments: Vec<Cut>, patch_size: f64) -> Vec<Cut> {
     let mut cuts: Vec<Cut> = Vec::new();
-    let long_enough =
-        |cut: &Cut| plane.length(cut.from, cut.to) > 1e-6 * patch_size && cut.line.a.is_finite() && cut.line.b.is_finite();
-    let mut keyed: Vec<Cut> = segments.into_iter().filter(long_enough).collect();
-    // The longest stretch inside gives the line its direction.
-    keyed.sort_by(|a, b| plane.length(b.from, b.to).total_cmp(&plane.length(a.from, a.to)));
+    let sound = |cut: &Cut| cut.length > 1e-6 * patch_size && cut.line.a.is_finite() && cut.line.b.is_finite();
+    let mut keyed: Vec<Cut> = segments.into_iter().filter(sound).collect();
+    // The longest segment gives the line its direction.
+    keyed.sort_by(|a, b| b.length.total_cmp(&a.length));
     for cut in keyed {
         let same = |other: &&mut Cut| {
             // Both ends within a thousandth of a patch of the other's line.
@@ -223,11 +196,12 @@ fn merge(plane: &Plane, segments: Vec<Cut>, patch_size: f64) -> Vec<Cut> {
         };
         if let Some(other) = cuts.iter_mut().find(same) {
             other.absorb(&cut);
-        } else if cuts.len() < 8 * MOST {
+        } else if cuts.len() < 16 * MOST {
             cuts.push(cut);
         }
     }
-    cuts.retain(|cut| cut.length >= SHORTEST * patch_size);
+    let whole = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+    cuts.retain(|cut| cut.length >= SHORTEST * patch_size && cut.reaches_into(&whole));
     cuts.sort_by(|a, b| a.length.total_cmp(&b.length));
     let surplus = cuts.len().saturating_sub(MOST);
     cuts.drain(..surplus);

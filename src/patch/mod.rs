@@ -17,6 +17,10 @@ use cuts::Cutters;
 use std::f64::consts::PI;
 use subdivide::{NO_PIECE, SplitTree};
 
+/// Points are sampled this far inside the border of a split piece, relative to the scene's diagonal: a point that rounding moves
+/// across a cut would carry light from one room to the next.
+const BORDER_MARGIN: f64 = 1e-6;
+
 /// Triangles with no edge longer than this many patch sizes are never cut.
 const SMALLEST_CUT: f64 = 1.0 / 64.0;
 
@@ -62,8 +66,19 @@ pub enum PatchError {
 /// A triangle of an element: corners as barycentric weights on one triangle primitive, or one cell of a sphere's grid.
 #[derive(Debug, Clone, Copy)]
 enum Piece {
-    Triangle { primitive: u32, corners: [[f32; 2]; 3] },
-    SphereCell { primitive: u32, row: u32, column: u32, rows: u32, columns: u32 },
+    /// `inset` is the factor by which the corners were moved towards the middle of their polygon; areas are those without it.
+    Triangle {
+        primitive: u32,
+        corners: [[f32; 2]; 3],
+        inset: f32,
+    },
+    SphereCell {
+        primitive: u32,
+        row: u32,
+        column: u32,
+        rows: u32,
+        columns: u32,
+    },
 }
 
 /// A piece of surface that is one patch on each side that reflects or emits.
@@ -178,30 +193,34 @@ impl PatchMesh {
         let all = first..first + mesh.triangles.len() as u32;
         let (large, small): (Vec<u32>, Vec<u32>) = all.partition(|&i| edge(i) > self.patch_size);
         for (primitive, tree) in subdivide::split_all(world, any_cutter, &large, self.patch_size) {
-            self.add_tree(primitive, tree);
+            self.add_tree(world, primitive, tree);
         }
         // A leak through a triangle this small is beyond what any patch resolves.
         let (crossing, tiny): (Vec<u32>, Vec<u32>) = small.into_iter().partition(|&i| edge(i) > SMALLEST_CUT * self.patch_size);
         let mut divided = subdivide::split_divided(world, large_cutters, &crossing, self.patch_size);
         for (primitive, tree) in divided.drain(..) {
-            self.add_tree(primitive, tree);
+            self.add_tree(world, primitive, tree);
         }
         let undivided = |i: &u32| matches!(self.lookups[*i as usize], Lookup::None);
         let whole: Vec<u32> = crossing.into_iter().filter(undivided).chain(tiny).collect();
         for group in cluster::group(world, &whole, self.patch_size) {
             let whole = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-            let element = self.add_element(group.iter().map(|&primitive| Piece::Triangle { primitive, corners: whole }));
+            let element =
+                self.add_element(group.iter().map(|&primitive| Piece::Triangle { primitive, corners: whole, inset: 1.0 }));
             for primitive in group {
                 self.lookups[primitive as usize] = Lookup::Whole(element);
             }
         }
     }
 
-    fn add_tree(&mut self, primitive: u32, tree: SplitTree) {
+    fn add_tree(&mut self, world: &World, primitive: u32, tree: SplitTree) {
         let base = self.tree_elements.len() as u32;
-        for polygon in &tree.leaves {
+        let margin = f64::from(world.bounds().diagonal()) * BORDER_MARGIN;
+        for leaf in &tree.leaves {
+            let (polygon, inset) = subdivide::inset(leaf, world.soup().corners(primitive as usize), margin);
             let fan = (1..polygon.len() - 1).map(|k| [polygon[0], polygon[k], polygon[k + 1]]);
-            let pieces = fan.map(|corners| Piece::Triangle { primitive, corners: corners.map(|c| [c[0] as f32, c[1] as f32]) });
+            let corners = |triangle: [subdivide::Point; 3]| triangle.map(|c| [c[0] as f32, c[1] as f32]);
+            let pieces = fan.map(|triangle| Piece::Triangle { primitive, corners: corners(triangle), inset: inset as f32 });
             let element = self.add_element(pieces);
             self.tree_elements.push(element);
         }
@@ -269,7 +288,7 @@ impl PatchMesh {
     /// A point of piece `index`; `front` names the side it is seen from.
     fn on_piece(&self, world: &World, index: usize, u: Vec2, front: bool) -> SurfaceInteraction {
         let mut si = match self.pieces[index] {
-            Piece::Triangle { primitive, corners } => {
+            Piece::Triangle { primitive, corners, .. } => {
                 let w = warp::triangle(u);
                 let at = |axis: usize| {
                     let [p, q, r] = corners.map(|c| f64::from(c[axis]));
@@ -294,11 +313,11 @@ impl PatchMesh {
     /// Area of piece `index` in f64.
     fn piece_area(&self, world: &World, index: usize) -> f64 {
         match self.pieces[index] {
-            Piece::Triangle { primitive, corners } => {
+            Piece::Triangle { primitive, corners, inset } => {
                 let Primitive::Triangle([a, b, c]) = world.soup().primitive(primitive) else { return 0.0 };
                 let [p, q, r] = corners.map(|c| c.map(f64::from));
                 let det = (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1]);
-                crate::geometry::triangle::area_vector(a, b, c).length() * det.abs()
+                crate::geometry::triangle::area_vector(a, b, c).length() * det.abs() / f64::from(inset).powi(2)
             }
             Piece::SphereCell { primitive, rows, columns, .. } => match world.soup().primitive(primitive) {
                 Primitive::Sphere(sphere) => sphere.area() / (f64::from(rows) * f64::from(columns)),

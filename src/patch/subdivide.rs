@@ -189,6 +189,23 @@ pub fn area(polygon: &Polygon) -> f64 {
     0.5 * (0..n).map(cross).sum::<f64>()
 }
 
+/// The polygon drawn in towards the mean of its corners so that its border moves by at least `margin` [m], and the factor by which.
+pub fn inset(polygon: &Polygon, corners: [Vec3; 3], margin: f64) -> (Polygon, f64) {
+    let [a, b, c] = corners.map(|c| c.as_dvec3());
+    let metric = |p: Point| (b - a) * p[0] + (c - a) * p[1];
+    let n = polygon.len();
+    let middle = polygon.iter().fold([0.0, 0.0], |m, p| [m[0] + p[0] / n as f64, m[1] + p[1] / n as f64]);
+    // Distance of the middle from the nearest side.
+    let distance = |i: usize| {
+        let (p, q, m) = (metric(polygon[i]), metric(polygon[(i + 1) % n]), metric(middle));
+        (q - p).cross(m - p).length() / (q - p).length().max(f64::MIN_POSITIVE)
+    };
+    let nearest = (0..n).map(distance).fold(f64::INFINITY, f64::min);
+    let factor = 1.0 - (margin / nearest).min(0.5);
+    let draw = |p: &Point| [0, 1].map(|k| middle[k] + (p[k] - middle[k]) * factor);
+    (polygon.iter().map(draw).collect(), factor)
+}
+
 /// The parts of a convex polygon where the line function is below 0 and where it is not.
 fn clip_both(polygon: &Polygon, line: &Line) -> [Polygon; 2] {
     let mut parts = [Polygon::new(), Polygon::new()];
