@@ -99,10 +99,10 @@ impl FormFactorMatrix {
 
     /// Measures reciprocity, then makes the direct part symmetric in A_i F_ij and scales it back to the row sums it had.
     ///
-    /// Each pair is averaged with weights that are inverse to the variances of its two estimates (for equal numbers of rays
-    /// proportional to area). The scaling is a symmetric Sinkhorn iteration D S D: averaging alone would destroy closure, which
+    /// Each pair is averaged with weights inverse to the variances of its two estimates, A_i S_ij / `rays`_i. The scaling is a symmetric Sinkhorn iteration D S D: averaging alone would destroy closure, which
     /// a bright room amplifies by 1/(1 - rho). A last step brings every row to its sum exactly.
-    pub fn symmetrise(&mut self, area: &[f64]) {
+    pub fn symmetrise(&mut self, area: &[f64], rays: &[f64]) {
+        let weight_of: Vec<f64> = rays.iter().zip(area).map(|(n, a)| n / a).collect();
         let target: Vec<f64> = (0..self.len()).map(|i| self.direct_sum(i)).collect();
         let transposed = self.transposed();
         let mut rows = Vec::with_capacity(self.len());
@@ -116,7 +116,8 @@ impl FormFactorMatrix {
                 let f_ij = own.next_if(|e| e.0 == j).map_or(0.0, |e| e.1);
                 let f_ji = other.next_if(|e| e.0 as usize == j).map_or(0.0, |e| f64::from(e.1));
                 let (ours, theirs) = (area[i] * f_ij, area[j] * f_ji);
-                let symmetric = (ours / area[i] + theirs / area[j]) / (1.0 / area[i] + 1.0 / area[j]);
+                let (w_i, w_j) = (weight_of[i], weight_of[j]);
+                let symmetric = (ours * w_i + theirs * w_j) / (w_i + w_j);
                 defect += (ours - theirs) * (ours - theirs) / symmetric;
                 weight += symmetric;
                 row.push((j as u32, symmetric));
@@ -192,7 +193,7 @@ mod tests {
         let rows = [vec![(1, 0.375), (2, 0.625)], vec![(0, 0.25), (2, 0.75)], vec![(0, 0.125), (1, 0.375), (2, 0.5)]];
         let rows = rows.map(|direct| Row { direct, ..Row::default() });
         let mut m = FormFactorMatrix::from_rows(rows.to_vec());
-        m.symmetrise(&area);
+        m.symmetrise(&area, &[256.0; 3]);
         assert!(m.closure.reciprocity_defect > 0.01, "the noise was not seen: {}", m.closure.reciprocity_defect);
         for i in 0..3 {
             assert!((m.direct_sum(i) - 1.0).abs() < 1e-7, "row {i} sums to {}", m.direct_sum(i));

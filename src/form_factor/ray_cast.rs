@@ -18,7 +18,7 @@ const BATCH: usize = 1024;
 /// How many rays, and how far they go.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayCastSettings {
-    /// Rays per patch.
+    /// Rays of a patch of the full patch size; smaller ones cast fewer, in proportion to their area, but no less than an eighth.
     pub rays: u32,
     /// Longest chain of specular events.
     pub max_events: u32,
@@ -32,6 +32,12 @@ impl RayCastSettings {
     pub fn for_tolerance(tolerance: f64, seed: u64) -> Self {
         let rays = (0.25 / (tolerance * tolerance)).ceil().clamp(16.0, 65536.0) as u32;
         Self { rays: rays.next_power_of_two(), max_events: 64, seed }
+    }
+
+    /// Rays of patch `i`. What a small patch sends and blocks counts by its area, and so does the error that its rays leave.
+    fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
+        let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.125, 1.0);
+        ((f64::from(self.rays) * share) as u32).next_power_of_two()
     }
 }
 
@@ -66,17 +72,19 @@ pub fn cast(
         (matrix.closure.row_sum_min, matrix.closure.row_sum_max) = (low, high);
         matrix.closure.escaped_max = (0..n).map(|i| matrix.escaped(i).max()).fold(0.0, f64::max);
     }
-    matrix.symmetrise(&patches.area);
+    let rays: Vec<f64> = (0..n).map(|i| f64::from(settings.rays_of(patches, i))).collect();
+    matrix.symmetrise(&patches.area, &rays);
     Some(matrix)
 }
 
 /// The row of one patch.
 fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastSettings) -> (Row, RayCounts) {
     let mut counts = RayCounts::default();
-    let mut direct: Vec<u32> = Vec::with_capacity(settings.rays as usize);
+    let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
     let mut escaped = Rgb::BLACK;
-    for k in 0..settings.rays {
+    let rays = settings.rays_of(patches, id.0 as usize);
+    for k in 0..rays {
         let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
         let from = patches.sample(world, id, sampler.next_2d());
         let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(sampler.next_2d()));
@@ -90,7 +98,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
             Event::Escaped { throughput, .. } => escaped += throughput,
         });
     }
-    let share = 1.0 / f64::from(settings.rays);
+    let share = 1.0 / f64::from(rays);
     direct.sort_unstable();
     specular.sort_by_key(|e| e.0);
     let row = Row {

@@ -5,59 +5,82 @@ use crate::math::Rgb;
 use crate::progress::{Observer, Progress, Stage};
 use std::ops::ControlFlow;
 
+/// Below this largest row sum the plain bound is sharp enough; above it a companion system is solved beside the first.
+const PLAIN_BOUND_BELOW: f64 = 0.9;
+
 /// Solves H = S + F rho H by sweeps in patch order, each patch using what earlier ones have just become.
 ///
 /// It stops on a bound of the true error, not on the change per sweep, which for a small lamp in a bright room stops after one
-/// sweep with 99 % error. With q = max_i sum_j F_ij rho_j < 1 and residual r = S + F rho H - H, the error in the maximum norm is at most
-/// |r| / (1 - q). The residual after a sweep is at most q times the largest change of it.
+/// sweep with 99 % error. The residual after a sweep is at most q times its largest change, where q = max_i sum_j F_ij rho_j.
+/// - If q is well below 1, the error in the maximum norm is at most |r|/(1 - q).
+/// - Otherwise v = 1 + F rho v is swept as well. I - F rho is an M-matrix, so with c = v - F rho v > 0 the error is at most
+///   v max|r|/min c. This holds also where single rows sum to 1, as beside white walls, and is sharper than 1/(1 - q).
 ///
 /// # Errors
-/// [`SolveError::NoSteadyState`] if q >= 1 and there is light.
+/// [`SolveError::NoSteadyState`] if there is light and a set of patches that loses none.
 pub fn solve(
     system: &RadiositySystem<'_>,
     settings: &SolverSettings,
     observer: &mut Observer<'_>,
 ) -> Result<Solution, SolveError> {
-    let q = system.spectral_bound();
     let mut irradiance = system.source.clone();
-    let dark = irradiance.iter().all(|h| h.is_black());
-    if dark || system.is_empty() {
+    let reached = system.reached();
+    let q = system.spectral_bound(&reached);
+    if reached.is_empty() {
         return Ok(Solution { irradiance, sweeps: 0, error_bound: 0.0, spectral_bound: q, converged: true });
     }
-    // Rows sum to 1 only up to the rounding of their f32 entries.
-    if q >= 1.0 - 1e-7 {
+    if system.has_closed_white_set(&reached) {
         return Err(SolveError::NoSteadyState { spectral_bound: q });
     }
-    let mut bound = f64::INFINITY;
-    let mut first_bound = f64::INFINITY;
+    let mut companion = (q >= PLAIN_BOUND_BELOW).then(|| companion_start(system, &reached));
+    let (mut bound, mut first_bound) = (f64::INFINITY, f64::INFINITY);
     for sweep in 1..=settings.max_sweeps {
-        let change = sweep_once(system, &mut irradiance);
-        let mean = system.mean_irradiance(&irradiance);
-        bound = q * change / (1.0 - q) / mean;
-        if sweep == 1 {
+        let change = sweep_once(system, &reached, |i| system.source[i], &mut irradiance);
+        let amplification = match &mut companion {
+            None => 1.0 / (1.0 - q),
+            Some(v) => {
+                let settled = 1.0 - q * sweep_once(system, &reached, |_| Rgb::WHITE, v);
+                let largest = reached.iter().map(|&i| v[i].max()).fold(0.0, f64::max);
+                if settled > 0.0 { largest / settled } else { f64::INFINITY }
+            }
+        };
+        bound = q * change * amplification / system.mean_irradiance(&irradiance);
+        if !first_bound.is_finite() {
             first_bound = bound;
         }
         if bound <= settings.tolerance {
             return Ok(Solution { irradiance, sweeps: sweep, error_bound: bound, spectral_bound: q, converged: true });
         }
-        // The bound falls geometrically, so its logarithm measures the way.
-        let done = (first_bound / bound).ln() / (first_bound / settings.tolerance).ln();
-        if let ControlFlow::Break(()) = observer(&Progress { stage: Stage::Solve, done: done.clamp(0.0, 1.0), total: 1.0 }) {
+        let done = way_done(first_bound, bound, settings.tolerance);
+        if let ControlFlow::Break(()) = observer(&Progress { stage: Stage::Solve, done, total: 1.0 }) {
             return Ok(Solution { irradiance, sweeps: sweep, error_bound: bound, spectral_bound: q, converged: false });
         }
     }
     Ok(Solution { irradiance, sweeps: settings.max_sweeps, error_bound: bound, spectral_bound: q, converged: false })
 }
 
-/// One sweep in place; the largest change of any patch and channel.
-fn sweep_once(system: &RadiositySystem<'_>, irradiance: &mut [Rgb]) -> f64 {
+/// The companion before its first sweep: 1 at the patches that are solved for. The others carry no error.
+fn companion_start(system: &RadiositySystem<'_>, reached: &[usize]) -> Vec<Rgb> {
+    let mut v = vec![Rgb::BLACK; system.len()];
+    reached.iter().for_each(|&i| v[i] = Rgb::WHITE);
+    v
+}
+
+/// One sweep in place over x = s + F rho x at `patches`; the largest change of any patch and channel.
+fn sweep_once(system: &RadiositySystem<'_>, patches: &[usize], source: impl Fn(usize) -> Rgb, x: &mut [Rgb]) -> f64 {
     let mut largest: f64 = 0.0;
-    for i in 0..system.len() {
-        let new = system.gathered(i, irradiance);
-        largest = largest.max((new - irradiance[i]).map(f64::abs).max());
-        irradiance[i] = new;
+    for &i in patches {
+        let new = source(i) + system.reflected_to(i, x);
+        largest = largest.max((new - x[i]).map(f64::abs).max());
+        x[i] = new;
     }
     largest
+}
+
+/// Share of the way from the first bound to the tolerance; bounds fall geometrically, so their logarithms measure it.
+fn way_done(first: f64, now: f64, tolerance: f64) -> f64 {
+    let way = (first / now).ln() / (first / tolerance).ln();
+    if way.is_finite() { way.clamp(0.0, 1.0) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -120,6 +143,22 @@ mod tests {
             let error = (0..6).map(|i| (got.irradiance[i].g - exact.irradiance[i].g).abs() / mean).fold(0.0, f64::max);
             assert!(error <= 1e-3 && got.error_bound <= 1e-3, "rho {rho}: error {error}, bound {}", got.error_bound);
             assert!(error <= got.error_bound * 1.001, "rho {rho}: error {error} above its bound {}", got.error_bound);
+        }
+    }
+
+    #[test]
+    fn a_patch_that_sees_only_white_ones_does_not_stop_the_solver() {
+        // Patch 0 sees only patch 1, which is white; patch 1 sees the grey patch 2 as well.
+        let rows = [vec![(1, 1.0)], vec![(0, 0.5), (2, 0.5)], vec![(1, 1.0)]];
+        let matrix = FormFactorMatrix::from_rows(rows.map(|direct| Row { direct, ..Row::default() }).to_vec());
+        let rho = [Rgb::WHITE, Rgb::WHITE, Rgb::grey(0.5)];
+        let system = RadiositySystem { rho: &rho, area: &[1.0; 3], form_factors: &matrix, source: vec![Rgb::WHITE; 3] };
+        let settings = SolverSettings { tolerance: 1e-6, ..SolverSettings::default() };
+        let got = solve(&system, &settings, &mut crate::progress::silent).expect("solves");
+        // By hand: H0 = 1 + H1, H1 = 1 + H0/2 + H2/4, H2 = 1 + H1.
+        for (i, want) in [8.0, 7.0, 8.0].into_iter().enumerate() {
+            let error = (got.irradiance[i].g - want).abs();
+            assert!(error <= 1e-6 * 8.0 && got.converged, "patch {i}: {}, expected {want}", got.irradiance[i].g);
         }
     }
 

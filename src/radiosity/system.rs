@@ -30,22 +30,60 @@ impl RadiositySystem<'_> {
         self.rho.is_empty()
     }
 
-    /// S_i + sum_j F_ij rho_j H_j.
+    /// sum_j F_ij rho_j H_j.
     #[inline]
-    pub fn gathered(&self, i: usize, irradiance: &[Rgb]) -> Rgb {
+    pub fn reflected_to(&self, i: usize, irradiance: &[Rgb]) -> Rgb {
         let direct: Rgb = self.form_factors.direct(i).map(|(j, f)| self.rho[j] * irradiance[j] * f).sum();
         let specular: Rgb = self.form_factors.specular(i).map(|(j, f)| self.rho[j] * irradiance[j] * f).sum();
-        self.source[i] + direct + specular
+        direct + specular
     }
 
-    /// Largest over rows and channels of sum_j F_ij rho_j: bounds the spectral radius, and by it the error.
-    pub fn spectral_bound(&self) -> f64 {
-        let row = |i: usize| {
-            let direct: Rgb = self.form_factors.direct(i).map(|(j, f)| self.rho[j] * f).sum();
-            let specular: Rgb = self.form_factors.specular(i).map(|(j, f)| self.rho[j] * f).sum();
-            (direct + specular).max()
-        };
-        (0..self.len()).map(row).fold(0.0, f64::max)
+    /// sum_j F_ij rho_j: what a uniform irradiance of 1 everywhere would send back to patch `i`.
+    pub fn row_reflectance(&self, i: usize) -> Rgb {
+        let direct: Rgb = self.form_factors.direct(i).map(|(j, f)| self.rho[j] * f).sum();
+        let specular: Rgb = self.form_factors.specular(i).map(|(j, f)| self.rho[j] * f).sum();
+        direct + specular
+    }
+
+    /// Patches that light can reach, in rising order: those with a source, and those that see one that is reached and reflects. The
+    /// others, such as the insides of closed bodies, stay exactly dark and need no sweeps.
+    pub fn reached(&self) -> Vec<usize> {
+        let mut lit: Vec<bool> = self.source.iter().map(|s| !s.is_black()).collect();
+        loop {
+            let sees_light = |i: usize| self.seen(i).any(|j| lit[j] && !self.rho[j].is_black());
+            let new: Vec<usize> = (0..self.len()).filter(|&i| !lit[i] && sees_light(i)).collect();
+            if new.is_empty() {
+                return (0..self.len()).filter(|&i| lit[i]).collect();
+            }
+            new.into_iter().for_each(|i| lit[i] = true);
+        }
+    }
+
+    /// Patches that patch `i` sees, directly or through specular surfaces.
+    fn seen(&self, i: usize) -> impl Iterator<Item = usize> {
+        self.form_factors.direct(i).map(|e| e.0).chain(self.form_factors.specular(i).map(|e| e.0))
+    }
+
+    /// Largest over the rows of `patches` and channels of sum_j F_ij rho_j: bounds the spectral radius.
+    pub fn spectral_bound(&self, patches: &[usize]) -> f64 {
+        patches.iter().map(|&i| self.row_reflectance(i).max()).fold(0.0, f64::max)
+    }
+
+    /// True if in some channel some of `patches` see only each other and lose nothing: light there has no steady state.
+    pub fn has_closed_white_set(&self, patches: &[usize]) -> bool {
+        (0..3).any(|channel| {
+            let mut white = vec![false; self.len()];
+            // Rows sum to 1 only up to the rounding of their entries.
+            patches.iter().for_each(|&i| white[i] = self.row_reflectance(i)[channel] >= 1.0 - 1e-9);
+            loop {
+                let leaky: Vec<usize> =
+                    patches.iter().copied().filter(|&i| white[i] && self.seen(i).any(|j| !white[j])).collect();
+                if leaky.is_empty() {
+                    return white.contains(&true);
+                }
+                leaky.into_iter().for_each(|i| white[i] = false);
+            }
+        })
     }
 
     /// Area-weighted mean irradiance, the largest channel.
