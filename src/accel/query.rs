@@ -85,10 +85,12 @@ fn meet_by_exact_signs(a: Projected, b: Projected, c: Projected) -> Option<f32> 
     Some(((u * a[2] + v * b[2] + w * c[2]) / det) as f32)
 }
 
-/// The part of `ray` that can hit anything: nothing of one that is not valid, and nothing behind the origin.
+/// The part of `ray` that can hit anything: nothing of one that is not valid or whose interval is empty, and nothing behind the
+/// origin.
 #[inline]
 pub fn usable(ray: &Ray) -> Option<Ray> {
-    ray.is_valid().then(|| Ray { t_min: ray.t_min.max(0.0), ..*ray })
+    let t_min = ray.t_min.max(0.0);
+    (ray.is_valid() && t_min < ray.t_max).then_some(Ray { t_min, ..*ray })
 }
 
 /// True if `hit` is to be preferred: nearer, or at the same t and of lower index.

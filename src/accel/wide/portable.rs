@@ -37,9 +37,9 @@ impl Lanes for Portable {
     #[inline(always)]
     fn meet(packet: &Packet, query: &Query, _: &Query, limit: f32, t: &mut [f32; LANES]) -> u32 {
         let mut mask = 0;
-        for lane in 0..LANES {
+        for (lane, t) in t.iter_mut().enumerate() {
             if let Some(hit) = query.meet(packet.triangle(lane), limit) {
-                t[lane] = hit;
+                *t = hit;
                 mask |= 1 << lane;
             }
         }
