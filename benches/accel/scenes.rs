@@ -11,8 +11,8 @@ pub fn all(small: bool) -> Vec<(String, Arc<Soup>)> {
         vec![("box, walls in one piece".to_owned(), Arc::new(cornell(1))), ("tessellated box".to_owned(), Arc::new(cornell(17)))];
     if !small {
         scenes.push(("finely tessellated box".to_owned(), Arc::new(cornell(53))));
-        scenes.push(("furnished room".to_owned(), Arc::new(room(64, 24))));
-        scenes.push(("finely furnished room".to_owned(), Arc::new(room(150, 36))));
+        scenes.push(("furnished room".to_owned(), Arc::new(room(64, 8))));
+        scenes.push(("finely furnished room".to_owned(), Arc::new(room(150, 12))));
     }
     scenes
 }
@@ -26,7 +26,7 @@ pub fn cornell(k: u32) -> Soup {
     soup
 }
 
-/// A room of 6 by 3 by 8 with tables, shelves of books, and `n` knobbly balls and vases of `2 * m * 2m` triangles.
+/// A room of 6 by 3 by 8 with tables, shelves of books, and `n` knobbly balls and vases with `m`, `3 m` or `5 m` rows.
 pub fn room(n: u32, m: u32) -> Soup {
     let mut soup = Soup::default();
     let size = Vec3::new(6.0, 3.0, 8.0);

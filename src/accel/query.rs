@@ -99,10 +99,10 @@ pub fn is_better(hit: Hit, than: Option<Hit>) -> bool {
     than.is_none_or(|best| hit.t < best.t || (hit.t == best.t && hit.primitive < best.primitive))
 }
 
-/// Largest t at which a candidate may still matter after a hit at `t`: `t` itself counts, for ties.
+/// An end behind `t`, so that other hits at `t` itself still count. `t` is positive and finite.
 #[inline]
 pub fn inclusive(t: f32) -> f32 {
-    t.next_up()
+    f32::from_bits(t.to_bits() + 1)
 }
 
 #[cfg(test)]

@@ -185,11 +185,17 @@ fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f3
     let distance = _mm_div_ps(scaled, det);
     let in_interval = _mm_and_ps(_mm_cmpgt_ps(distance, ray.near), _mm_cmplt_ps(distance, _mm_set1_ps(limit)));
     let is_zero = _mm_or_ps(_mm_or_ps(_mm_cmpeq_ps(u, zero), _mm_cmpeq_ps(v, zero)), _mm_cmpeq_ps(w, zero));
-    let unsure = _mm_movemask_ps(_mm_andnot_ps(outside, is_zero)) as u32;
+    let mut unsure = _mm_movemask_ps(_mm_andnot_ps(outside, is_zero)) as u32;
     let met = _mm_movemask_ps(_mm_andnot_ps(_mm_or_ps(outside, is_zero), in_interval)) as u32;
     if met | unsure != 0 {
         // SAFETY: the array's 16 bytes are written; no alignment is asked for.
         unsafe { _mm_storeu_ps(t.as_mut_ptr(), distance) };
+    }
+    if unsure != 0 {
+        // A ray inside a wall's plane has many such triangles before it; their corners all lie on an axis, and none is met.
+        let (x, y) = (_mm_or_ps(_mm_or_ps(ax, bx), cx), _mm_or_ps(_mm_or_ps(ay, by), cy));
+        let edge_on = _mm_or_ps(_mm_cmpeq_ps(x, zero), _mm_cmpeq_ps(y, zero));
+        unsure &= !_mm_movemask_ps(edge_on) as u32;
     }
     if unsure == 0 { met } else { met | meet_unsure(packet, query, unsure, limit, t) }
 }

@@ -1,0 +1,380 @@
+//! Thirty-two alike rays at once: one walk through the tree for all of them, by AVX2.
+//!
+//! A node's children are first tested against bounds of all rays together (interval arithmetic, as in [Boulos06]), then those that
+//! remain against eight rays at a time; a leaf's triangles are tested by eight rays at a time too. Each ray does the same f32
+//! operations as alone and so gets the same answer. Pays for rays that run close together; the caller sorts out others.
+
+#![allow(unsafe_code, reason = "vector loads and stores, and calls into functions compiled for AVX2 after asking for it")]
+
+use std::arch::x86_64::*;
+
+use super::Wide;
+use super::kernel::{Distances, Key, Stack};
+use super::layout::{Child, LANES, Node, Packet, WIDTH};
+use crate::accel::query::{BOX_SLACK, Query};
+use crate::geometry::Hit;
+use crate::geometry::soup::Primitive;
+use crate::math::Vec3;
+
+/// Groups of eight rays in a bundle.
+const GROUPS: usize = 4;
+/// Low bits of a key's t that name the groups which enter; t is rounded down by more than they can add.
+const GROUP_BITS: u32 = (1 << GROUPS) - 1;
+/// Rays in a bundle.
+pub const RAYS: usize = GROUPS * WIDTH;
+
+/// Eight values, one a ray.
+#[derive(Clone, Copy)]
+#[repr(align(32))]
+struct Eight([f32; WIDTH]);
+
+/// Rays side by side.
+struct Bundle<'a> {
+    queries: &'a [Query],
+    groups: [Group; GROUPS],
+    n_groups: usize,
+    together: Together,
+    /// Rows of [`Node::planes`] through which all rays enter.
+    enter: [usize; 3],
+    /// Order of coordinates in the shear, the same for all rays.
+    axes: [usize; 3],
+}
+
+/// Eight rays.
+#[derive(Clone, Copy)]
+struct Group {
+    origin: [Eight; 3],
+    inverse: [Eight; 3],
+    shear: [Eight; 3],
+    t_min: Eight,
+    /// Where each ray ends: at `t_max`, at the best hit, or before all if it wants no more.
+    limit: Eight,
+    /// Primitive of the best hit; 0 while there is none, so that nothing at `t_max` itself counts.
+    primitive: [u32; WIDTH],
+}
+
+/// Bounds of all rays: for each axis the origin that enters first and the one that leaves last, and the inverse's ends.
+struct Together {
+    first: [f32; 3],
+    last: [f32; 3],
+    low: [f32; 3],
+    high: [f32; 3],
+    t_min: f32,
+    limit: f32,
+}
+
+/// Nearest hits of up to [`RAYS`] rays that share the sign of each direction component and the largest one.
+pub fn nearest(wide: &Wide, queries: &[Query], mut hit: impl FnMut(usize, Option<Hit>)) {
+    assert!(wide.use_avx2 && !queries.is_empty() && queries.len() <= RAYS);
+    let mut bundle = Bundle::new(queries);
+    // SAFETY: `Wide::use_avx2` is true only if the processor has AVX2.
+    unsafe { walk::<false>(wide, &mut bundle) };
+    for (index, query) in queries.iter().enumerate() {
+        let group = &bundle.groups[index / WIDTH];
+        let (t, primitive) = (group.limit.0[index % WIDTH], group.primitive[index % WIDTH]);
+        hit(index, (t < query.ray.t_max).then_some(Hit { t, primitive }));
+    }
+}
+
+/// Occlusion of such rays.
+pub fn any(wide: &Wide, queries: &[Query], mut answer: impl FnMut(usize, bool)) {
+    assert!(wide.use_avx2 && !queries.is_empty() && queries.len() <= RAYS);
+    let mut bundle = Bundle::new(queries);
+    // SAFETY: as in `nearest`.
+    unsafe { walk::<true>(wide, &mut bundle) };
+    for index in 0..queries.len() {
+        answer(index, bundle.groups[index / WIDTH].limit.0[index % WIDTH] == f32::NEG_INFINITY);
+    }
+}
+
+/// True if the rays run close enough together for a bundle.
+pub fn is_coherent(queries: &[Query]) -> bool {
+    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+    for query in queries {
+        for i in 0..2 {
+            low[i] = low[i].min(query.sheared.shear[i]);
+            high[i] = high[i].max(query.sheared.shear[i]);
+        }
+    }
+    queries.len() >= WIDTH && (0..2).all(|i| high[i] - low[i] <= MAX_SPREAD) && queries.iter().all(|q| q.inverse.is_finite())
+}
+
+/// Widest spread of directions, as a slope, at which bundles were faster than single rays.
+const MAX_SPREAD: f32 = 0.25;
+
+impl<'a> Bundle<'a> {
+    fn new(queries: &'a [Query]) -> Self {
+        let none = Eight([0.0; WIDTH]);
+        // A lane without a ray ends before it starts.
+        let empty = Group {
+            origin: [none; 3],
+            inverse: [Eight([1.0; WIDTH]); 3],
+            shear: [none; 3],
+            t_min: none,
+            limit: Eight([-1.0; WIDTH]),
+            primitive: [0; WIDTH],
+        };
+        let mut groups = [empty; GROUPS];
+        for (index, query) in queries.iter().enumerate() {
+            let (group, lane) = (&mut groups[index / WIDTH], index % WIDTH);
+            for axis in 0..3 {
+                group.origin[axis].0[lane] = query.ray.origin[axis];
+                group.inverse[axis].0[lane] = query.inverse[axis];
+                group.shear[axis].0[lane] = query.sheared.shear[axis];
+            }
+            group.t_min.0[lane] = query.ray.t_min;
+            group.limit.0[lane] = query.ray.t_max;
+        }
+        let first = &queries[0];
+        let enter = [0, 1, 2].map(|axis| if first.inverse[axis] >= 0.0 { axis } else { axis + 3 });
+        let n_groups = queries.len().div_ceil(WIDTH);
+        Self { queries, groups, n_groups, together: Together::new(queries), enter, axes: first.sheared.axes }
+    }
+
+    /// Brings the common end up to date; false if all rays have ended.
+    fn update_limit(&mut self) -> bool {
+        let limits = self.groups[..self.n_groups].iter().flat_map(|g| g.limit.0);
+        self.together.limit = limits.fold(f32::NEG_INFINITY, f32::max);
+        self.together.limit >= 0.0
+    }
+}
+
+impl Together {
+    fn new(queries: &[Query]) -> Self {
+        let fold = |f: fn(Vec3, Vec3) -> Vec3, of: fn(&Query) -> Vec3| queries.iter().map(of).reduce(f).expect("not empty");
+        let (least, most) = (fold(Vec3::min, |q| q.ray.origin), fold(Vec3::max, |q| q.ray.origin));
+        let positive = queries[0].inverse.cmpge(Vec3::ZERO);
+        let of = |f: fn(f32, f32) -> f32, of: fn(&Query) -> f32| queries.iter().map(of).fold(of(&queries[0]), f);
+        Self {
+            first: Vec3::select(positive, most, least).into(),
+            last: Vec3::select(positive, least, most).into(),
+            low: fold(Vec3::min, |q| q.inverse).into(),
+            high: fold(Vec3::max, |q| q.inverse).into(),
+            t_min: of(f32::min, |q| q.ray.t_min),
+            limit: of(f32::max, |q| q.ray.t_max),
+        }
+    }
+}
+
+/// The walk of all rays through the tree.
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn walk<const ANY: bool>(wide: &Wide, bundle: &mut Bundle) {
+    let mut stack = Stack::new();
+    let all = (1 << bundle.n_groups) - 1;
+    let (mut current, mut groups) = (Child::inner(0), all);
+    loop {
+        if current.is_leaf() {
+            if meet_leaf::<ANY>(wide, bundle, current, groups) && !bundle.update_limit() {
+                return;
+            }
+        } else {
+            descend(wide, bundle, current, &mut stack);
+        }
+        loop {
+            let Some(key) = stack.pop() else { return };
+            if key.t() <= bundle.together.limit * BOX_SLACK {
+                // The lowest bits of t name the groups that enter.
+                (current, groups) = (key.child(), key.t().to_bits() & all);
+                break;
+            }
+        }
+    }
+}
+
+/// Puts the children that any ray enters aside, the nearest on top.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn descend(wide: &Wide, bundle: &Bundle, index: Child, stack: &mut Stack) {
+    let node = &wide.nodes[index.0 as usize];
+    let mut distances = Distances([0.0; WIDTH]);
+    let mut mask = enter_together(node, bundle, &mut distances);
+    let floor = stack.height();
+    while mask != 0 {
+        let slot = (mask.trailing_zeros() & 7) as usize;
+        mask &= mask - 1;
+        let groups = enter_each(node, slot, bundle);
+        if groups != 0 {
+            let t = f32::from_bits((distances.0[slot].to_bits() & !GROUP_BITS).saturating_sub(1 << GROUPS) | groups);
+            stack.insert(floor, Key::new(t, node.children[slot]));
+        }
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn load8(row: &[f32; WIDTH]) -> __m256 {
+    // SAFETY: the reference covers the 32 bytes read; no alignment is asked for.
+    unsafe { _mm256_loadu_ps(row.as_ptr()) }
+}
+
+/// Children that some ray between the bundle's bounds may enter.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn enter_together(node: &Node, bundle: &Bundle, distances: &mut Distances) -> u32 {
+    let together = &bundle.together;
+    let mut near = _mm256_set1_ps(together.t_min);
+    let mut far = _mm256_set1_ps(together.limit);
+    for axis in 0..3 {
+        let row = bundle.enter[axis] % 6;
+        let opposite = if row >= 3 { row - 3 } else { row + 3 };
+        let (low, high) = (_mm256_set1_ps(together.low[axis]), _mm256_set1_ps(together.high[axis]));
+        let a = _mm256_sub_ps(load8(&node.planes[row]), _mm256_set1_ps(together.first[axis]));
+        let b = _mm256_sub_ps(load8(&node.planes[opposite]), _mm256_set1_ps(together.last[axis]));
+        near = _mm256_max_ps(_mm256_min_ps(_mm256_mul_ps(a, low), _mm256_mul_ps(a, high)), near);
+        far = _mm256_min_ps(_mm256_max_ps(_mm256_mul_ps(b, low), _mm256_mul_ps(b, high)), far);
+    }
+    // SAFETY: the array's 32 bytes are written, at the alignment of `Distances`.
+    unsafe { _mm256_store_ps(distances.0.as_mut_ptr(), near) };
+    let stretched = _mm256_mul_ps(far, _mm256_set1_ps(BOX_SLACK));
+    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, stretched)) as u32
+}
+
+/// Groups with a ray that enters one child: for each ray the same test as alone.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn enter_each(node: &Node, slot: usize, bundle: &Bundle) -> u32 {
+    let slack = _mm256_set1_ps(BOX_SLACK);
+    let planes = [0, 1, 2].map(|axis| {
+        let row = bundle.enter[axis] % 6;
+        let opposite = if row >= 3 { row - 3 } else { row + 3 };
+        (_mm256_set1_ps(node.planes[row][slot]), _mm256_set1_ps(node.planes[opposite][slot]))
+    });
+    let mut groups = 0;
+    for (index, group) in bundle.groups[..bundle.n_groups].iter().enumerate() {
+        let (mut near, mut far) = (load8(&group.t_min.0), load8(&group.limit.0));
+        for axis in 0..3 {
+            let (origin, inverse) = (load8(&group.origin[axis].0), load8(&group.inverse[axis].0));
+            near = _mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(planes[axis].0, origin), inverse), near);
+            far = _mm256_min_ps(_mm256_mul_ps(_mm256_sub_ps(planes[axis].1, origin), inverse), far);
+        }
+        let enters = _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_mul_ps(far, slack));
+        groups |= u32::from(_mm256_movemask_ps(enters) != 0) << index;
+    }
+    groups
+}
+
+/// Tests a leaf's primitives by the rays of some groups; true if one was hit.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, groups: u32) -> bool {
+    let mut found = false;
+    for packet in &wide.packets[leaf.packets()] {
+        for lane in (0..LANES).take_while(|&lane| packet.primitives[lane] != Packet::NOTHING) {
+            let corners = [0, 1, 2].map(|corner| bundle.axes.map(|axis| _mm256_set1_ps(packet.corners[corner][axis][lane])));
+            for index in (0..bundle.n_groups).filter(|index| groups >> index & 1 != 0) {
+                let (sure, unsure, t) = meet(&corners, bundle, index, packet.primitives[lane]);
+                if sure | unsure != 0 {
+                    found |= accept::<ANY>(bundle, index, packet, lane, sure, unsure, t);
+                }
+            }
+        }
+        if leaf.has_spheres() {
+            found |= meet_spheres::<ANY>(wide, bundle, packet, groups);
+        }
+    }
+    found
+}
+
+/// Rays of a group that hit a triangle better than before, those with an edge function of zero, and where.
+///
+/// The operations are those of [`Query::meet`], lane by lane.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn meet(corners: &[[__m256; 3]; 3], bundle: &Bundle, index: usize, primitive: u32) -> (u32, u32, Eight) {
+    let group = &bundle.groups[index];
+    let origin = bundle.axes.map(|axis| load8(&group.origin[axis].0));
+    let shear = [0, 1, 2].map(|i| load8(&group.shear[i].0));
+    let project = |corner: &[__m256; 3]| {
+        let [x, y, z] = [0, 1, 2].map(|i| _mm256_sub_ps(corner[i], origin[i]));
+        (_mm256_sub_ps(x, _mm256_mul_ps(shear[0], z)), _mm256_sub_ps(y, _mm256_mul_ps(shear[1], z)), z)
+    };
+    let difference = |a, b, c, d| _mm256_sub_ps(_mm256_mul_ps(a, b), _mm256_mul_ps(c, d));
+    let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (project(&corners[0]), project(&corners[1]), project(&corners[2]));
+    let (u, v, w) = (difference(cx, by, cy, bx), difference(ax, cy, ay, cx), difference(bx, ay, by, ax));
+    let zero = _mm256_setzero_ps();
+    let has_negative = _mm256_cmp_ps::<_CMP_LT_OQ>(_mm256_min_ps(_mm256_min_ps(u, v), w), zero);
+    let has_positive = _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_max_ps(_mm256_max_ps(u, v), w), zero);
+    let outside = _mm256_and_ps(has_negative, has_positive);
+    if _mm256_movemask_ps(outside) == 0xff {
+        return (0, 0, Eight([0.0; WIDTH]));
+    }
+    let det = _mm256_add_ps(_mm256_add_ps(u, v), w);
+    let [az, bz, cz] = [az, bz, cz].map(|z| _mm256_mul_ps(shear[2], z));
+    let scaled = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(u, az), _mm256_mul_ps(v, bz)), _mm256_mul_ps(w, cz));
+    let distance = _mm256_div_ps(scaled, det);
+    let limit = load8(&group.limit.0);
+    // SAFETY: the reference covers the 32 bytes read; no alignment is asked for.
+    let best = unsafe { _mm256_loadu_si256(group.primitive.as_ptr().cast()) };
+    let is_lower = _mm256_castsi256_ps(_mm256_cmpgt_epi32(best, _mm256_set1_epi32(primitive as i32)));
+    let ties = _mm256_and_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(distance, limit), is_lower);
+    let nearer = _mm256_or_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(distance, limit), ties);
+    let in_interval = _mm256_and_ps(nearer, _mm256_cmp_ps::<_CMP_GT_OQ>(distance, load8(&group.t_min.0)));
+    let equals_zero = |x| _mm256_cmp_ps::<_CMP_EQ_OQ>(x, zero);
+    let is_zero = _mm256_or_ps(_mm256_or_ps(equals_zero(u), equals_zero(v)), equals_zero(w));
+    let sure = _mm256_movemask_ps(_mm256_andnot_ps(_mm256_or_ps(outside, is_zero), in_interval)) as u32;
+    // A ray inside a wall's plane has many such triangles before it; their corners all lie on an axis, and none is met.
+    let (x, y) = (_mm256_or_ps(_mm256_or_ps(ax, bx), cx), _mm256_or_ps(_mm256_or_ps(ay, by), cy));
+    let dismissed = _mm256_or_ps(outside, _mm256_or_ps(equals_zero(x), equals_zero(y)));
+    let unsure = _mm256_movemask_ps(_mm256_andnot_ps(dismissed, is_zero)) as u32;
+    let mut t = Eight([0.0; WIDTH]);
+    // SAFETY: the array's 32 bytes are written, at the alignment of `Eight`.
+    unsafe { _mm256_store_ps(t.0.as_mut_ptr(), distance) };
+    (sure, unsure, t)
+}
+
+/// Writes the hits of `sure` down, and those of `unsure` that the test in f64 confirms.
+fn accept<const ANY: bool>(
+    bundle: &mut Bundle,
+    index: usize,
+    packet: &Packet,
+    lane: usize,
+    sure: u32,
+    unsure: u32,
+    t: Eight,
+) -> bool {
+    let mut found = sure != 0;
+    let primitive = packet.primitives[lane];
+    for ray in (0..WIDTH).filter(|ray| sure >> ray & 1 != 0) {
+        bundle.groups[index].keep::<ANY>(ray, Hit { t: t.0[ray], primitive });
+    }
+    for ray in (0..WIDTH).filter(|ray| unsure >> ray & 1 != 0) {
+        let Some(query) = bundle.queries.get(index * WIDTH + ray) else { continue };
+        if let Some(t) = query.meet(packet.triangle(lane), query.ray.t_max) {
+            found |= bundle.groups[index].offer::<ANY>(ray, Hit { t, primitive });
+        }
+    }
+    found
+}
+
+impl Group {
+    #[inline]
+    fn keep<const ANY: bool>(&mut self, ray: usize, hit: Hit) {
+        self.limit.0[ray] = if ANY { f32::NEG_INFINITY } else { hit.t };
+        self.primitive[ray] = hit.primitive;
+    }
+
+    /// Keeps a hit if it is better than the best so far.
+    fn offer<const ANY: bool>(&mut self, ray: usize, hit: Hit) -> bool {
+        let limit = self.limit.0[ray];
+        let is_better = hit.t < limit || (hit.t == limit && hit.primitive < self.primitive[ray]);
+        if is_better {
+            self.keep::<ANY>(ray, hit);
+        }
+        is_better
+    }
+}
+
+/// Spheres are rare: one ray and one sphere at a time.
+#[cold]
+fn meet_spheres<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, packet: &Packet, groups: u32) -> bool {
+    let mut found = false;
+    for primitive in packet.primitives.into_iter().filter(|&p| p != Packet::NOTHING) {
+        let Primitive::Sphere(sphere) = wide.soup.primitive(primitive) else { continue };
+        for (index, query) in bundle.queries.iter().enumerate().filter(|(i, _)| groups >> (i / WIDTH) & 1 != 0) {
+            if let Some(t) = sphere.intersect(&query.ray, query.ray.t_min, query.ray.t_max) {
+                found |= bundle.groups[index / WIDTH].offer::<ANY>(index % WIDTH, Hit { t, primitive });
+            }
+        }
+    }
+    found
+}
