@@ -30,6 +30,15 @@ impl Query {
         let ray = usable(ray)?;
         Some(Self { ray, sheared: ShearedRay::new(&ray), inverse: ray.direction.recip() })
     }
+
+    /// Axes along which the ray does not move.
+    ///
+    /// Such a ray may lie in the plane of a flat box. Triangles in it are seen edge-on and none is met, so it can be skipped; or
+    /// else a ray along a finely cut wall would pass through every leaf on its way.
+    #[inline]
+    pub fn still(&self) -> [bool; 3] {
+        self.inverse.to_array().map(f32::is_infinite)
+    }
 }
 
 /// A vertex in the space where the ray runs along +z from the origin.

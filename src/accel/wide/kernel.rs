@@ -63,12 +63,12 @@ impl Key {
 const STACK: usize = (WIDTH - 1) * MAX_DEPTH + 1;
 
 /// Keys put aside.
-pub struct Stack {
-    keys: [MaybeUninit<Key>; STACK],
+pub struct Stack<T> {
+    keys: [MaybeUninit<T>; STACK],
     height: usize,
 }
 
-impl Stack {
+impl<T: Copy + PartialOrd> Stack<T> {
     /// Empty.
     #[inline(always)]
     pub fn new() -> Self {
@@ -82,13 +82,13 @@ impl Stack {
     }
 
     #[inline(always)]
-    fn push(&mut self, key: Key) {
+    fn push(&mut self, key: T) {
         self.keys[self.height].write(key);
         self.height += 1;
     }
 
     #[inline(always)]
-    fn get(&self, index: usize) -> Key {
+    fn get(&self, index: usize) -> T {
         debug_assert!(index < self.height);
         // SAFETY: `height` grows only in `push`, which writes the key at the old height, so all keys below `height` are written;
         // callers ask for such keys only.
@@ -97,7 +97,7 @@ impl Stack {
 
     /// Takes the topmost key.
     #[inline(always)]
-    pub fn pop(&mut self) -> Option<Key> {
+    pub fn pop(&mut self) -> Option<T> {
         self.height = self.height.checked_sub(1)?;
         // SAFETY: as in `get`: the key just below the old height was written by `push`.
         Some(unsafe { self.keys[self.height].assume_init() })
@@ -105,7 +105,7 @@ impl Stack {
 
     /// Pushes `key` below those of the topmost keys, down to `floor`, that are nearer.
     #[inline(always)]
-    pub fn insert(&mut self, floor: usize, key: Key) {
+    pub fn insert(&mut self, floor: usize, key: T) {
         let mut slot = self.height;
         self.push(key);
         while slot > floor && self.get(slot - 1) < key {
@@ -116,14 +116,13 @@ impl Stack {
     }
 }
 
-/// The nearest hit, or with `ANY` the first one found.
+/// The nearest hit below `start` or the one already found, or with `ANY` the first one found.
 #[inline(always)]
-pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query) -> Option<Hit> {
+pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query, start: Child, mut best: Option<Hit>) -> Option<Hit> {
     let ray = L::spread(query);
     let mut stack = Stack::new();
-    let mut best = None;
-    let mut limit = query.ray.t_max;
-    let mut current = Child::inner(0);
+    let mut limit = best.map_or(query.ray.t_max, |hit| end_after(hit, query));
+    let mut current = start;
     loop {
         if current.is_leaf() {
             if meet_leaf::<L, ANY>(wide, query, &ray, current, &mut limit, &mut best) {
@@ -146,7 +145,13 @@ pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query) -> Option
 
 /// The nearest child that the ray enters; the others are put aside, the nearest on top.
 #[inline(always)]
-fn descend<L: Lanes, const ANY: bool>(wide: &Wide, ray: &L::Ray, index: Child, limit: f32, stack: &mut Stack) -> Option<Child> {
+fn descend<L: Lanes, const ANY: bool>(
+    wide: &Wide,
+    ray: &L::Ray,
+    index: Child,
+    limit: f32,
+    stack: &mut Stack<Key>,
+) -> Option<Child> {
     let node = &wide.nodes[index.0 as usize];
     let mut distances = Distances([0.0; WIDTH]);
     let mut mask = L::enter(node, ray, limit, &mut distances);

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use super::bvh::Tree;
 use super::query::Query;
 use super::{Accel, Hit, Ray, Soup};
-use layout::{Node, Packet};
+use layout::{Child, Node, Packet};
 
 /// Deepest wide tree that is traversed; a deeper one is built anew over a balanced binary tree.
 const MAX_DEPTH: usize = 32;
@@ -65,18 +65,18 @@ impl Accel for Wide {
         let query = Query::new(ray)?;
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
-            return avx2::nearest(self, &query);
+            return avx2::nearest(self, &query, Child::ROOT, None);
         }
-        kernel::traverse::<portable::Portable, false>(self, &query)
+        kernel::traverse::<portable::Portable, false>(self, &query, Child::ROOT, None)
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
         let Some(query) = Query::new(ray) else { return false };
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
-            return avx2::any(self, &query);
+            return avx2::any(self, &query, Child::ROOT);
         }
-        kernel::traverse::<portable::Portable, true>(self, &query).is_some()
+        kernel::traverse::<portable::Portable, true>(self, &query, Child::ROOT, None).is_some()
     }
 
     #[cfg(target_arch = "x86_64")]

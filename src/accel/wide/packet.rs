@@ -1,16 +1,16 @@
 //! Thirty-two alike rays at once: one walk through the tree for all of them, by AVX2.
 //!
 //! A node's children are first tested against bounds of all rays together (interval arithmetic, as in [Boulos06]), then those that
-//! remain against eight rays at a time; a leaf's triangles are tested by eight rays at a time too. Each ray does the same f32
-//! operations as alone and so gets the same answer. Pays for rays that run close together; the caller sorts out others.
+//! remain against eight rays at a time; a leaf's triangles are tested by eight rays at a time too. Where only few rays are left
+//! in a subtree, they go on alone. Each ray does the same f32 operations as alone and so gets the same answer.
 
 #![allow(unsafe_code, reason = "vector loads and stores, and calls into functions compiled for AVX2 after asking for it")]
 
 use std::arch::x86_64::*;
 
-use super::Wide;
 use super::kernel::{Distances, Key, Stack};
 use super::layout::{Child, LANES, Node, Packet, WIDTH};
+use super::{Wide, avx2};
 use crate::accel::query::{BOX_SLACK, Query};
 use crate::geometry::Hit;
 use crate::geometry::soup::Primitive;
@@ -18,8 +18,6 @@ use crate::math::Vec3;
 
 /// Groups of eight rays in a bundle.
 const GROUPS: usize = 4;
-/// Low bits of a key's t that name the groups which enter; t is rounded down by more than they can add.
-const GROUP_BITS: u32 = (1 << GROUPS) - 1;
 /// Rays in a bundle.
 pub const RAYS: usize = GROUPS * WIDTH;
 
@@ -156,35 +154,72 @@ impl Together {
     }
 }
 
+/// So few rays go on alone.
+const FEW: u32 = 6;
+
+/// What is put aside: a child, where the first ray enters it, and which rays do.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+struct Entry {
+    key: Key,
+    rays: u32,
+}
+
 /// The walk of all rays through the tree.
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 fn walk<const ANY: bool>(wide: &Wide, bundle: &mut Bundle) {
     let mut stack = Stack::new();
-    let all = (1 << bundle.n_groups) - 1;
-    let (mut current, mut groups) = (Child::inner(0), all);
+    let (mut current, mut rays) = (Child::ROOT, u32::MAX >> (RAYS - bundle.queries.len()));
     loop {
-        if current.is_leaf() {
-            if meet_leaf::<ANY>(wide, bundle, current, groups) && !bundle.update_limit() {
-                return;
-            }
+        let found = if rays.count_ones() <= FEW {
+            go_alone::<ANY>(wide, bundle, current, rays)
+        } else if current.is_leaf() {
+            meet_leaf::<ANY>(wide, bundle, current, rays)
         } else {
-            descend(wide, bundle, current, &mut stack);
+            descend(wide, bundle, current, rays, &mut stack);
+            false
+        };
+        if found && !bundle.update_limit() {
+            return;
         }
         loop {
-            let Some(key) = stack.pop() else { return };
-            if key.t() <= bundle.together.limit * BOX_SLACK {
-                // The lowest bits of t name the groups that enter.
-                (current, groups) = (key.child(), key.t().to_bits() & all);
+            let Some(entry) = stack.pop() else { return };
+            if entry.key.t() <= bundle.together.limit * BOX_SLACK {
+                (current, rays) = (entry.key.child(), entry.rays);
                 break;
             }
         }
     }
 }
 
+/// Sends some rays through a subtree one by one; true if one hit something.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn go_alone<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, start: Child, mut rays: u32) -> bool {
+    let mut found = false;
+    while rays != 0 {
+        let index = rays.trailing_zeros() as usize;
+        rays &= rays - 1;
+        let (query, group, ray) = (&bundle.queries[index], &mut bundle.groups[index / WIDTH], index % WIDTH);
+        let (t, primitive) = (group.limit.0[ray], group.primitive[ray]);
+        let hit = if t < query.ray.t_max { Some(Hit { t, primitive }) } else { None };
+        if ANY {
+            // A ray that has hit something already has its end before its start.
+            if hit.is_none() && avx2::any(wide, query, start) {
+                group.keep::<ANY>(ray, Hit { t, primitive });
+                found = true;
+            }
+        } else if let Some(better) = avx2::nearest(wide, query, start, hit).filter(|&better| Some(better) != hit) {
+            group.keep::<ANY>(ray, better);
+            found = true;
+        }
+    }
+    found
+}
+
 /// Puts the children that any ray enters aside, the nearest on top.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-fn descend(wide: &Wide, bundle: &Bundle, index: Child, stack: &mut Stack) {
+fn descend(wide: &Wide, bundle: &Bundle, index: Child, rays: u32, stack: &mut Stack<Entry>) {
     let node = &wide.nodes[index.0 as usize];
     let mut distances = Distances([0.0; WIDTH]);
     let mut mask = enter_together(node, bundle, &mut distances);
@@ -192,10 +227,11 @@ fn descend(wide: &Wide, bundle: &Bundle, index: Child, stack: &mut Stack) {
     while mask != 0 {
         let slot = (mask.trailing_zeros() & 7) as usize;
         mask &= mask - 1;
-        let groups = enter_each(node, slot, bundle);
-        if groups != 0 {
-            let t = f32::from_bits((distances.0[slot].to_bits() & !GROUP_BITS).saturating_sub(1 << GROUPS) | groups);
-            stack.insert(floor, Key::new(t, node.children[slot]));
+        let rays = enter_each(node, slot, bundle, rays);
+        if rays != 0 {
+            let child = node.children[slot];
+            avx2::prefetch(wide, child);
+            stack.insert(floor, Entry { key: Key::new(distances.0[slot], child), rays });
         }
     }
 }
@@ -229,18 +265,18 @@ fn enter_together(node: &Node, bundle: &Bundle, distances: &mut Distances) -> u3
     _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, stretched)) as u32
 }
 
-/// Groups with a ray that enters one child: for each ray the same test as alone.
+/// Those of some rays that enter one child: for each ray the same test as alone.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-fn enter_each(node: &Node, slot: usize, bundle: &Bundle) -> u32 {
+fn enter_each(node: &Node, slot: usize, bundle: &Bundle, rays: u32) -> u32 {
     let slack = _mm256_set1_ps(BOX_SLACK);
     let planes = [0, 1, 2].map(|axis| {
         let row = bundle.enter[axis] % 6;
         let opposite = if row >= 3 { row - 3 } else { row + 3 };
         (_mm256_set1_ps(node.planes[row][slot]), _mm256_set1_ps(node.planes[opposite][slot]))
     });
-    let mut groups = 0;
-    for (index, group) in bundle.groups[..bundle.n_groups].iter().enumerate() {
+    let mut entering = 0;
+    for (index, group) in bundle.groups.iter().enumerate().filter(|&(index, _)| rays >> (WIDTH * index) & 0xff != 0) {
         let (mut near, mut far) = (load8(&group.t_min.0), load8(&group.limit.0));
         for axis in 0..3 {
             let (origin, inverse) = (load8(&group.origin[axis].0), load8(&group.inverse[axis].0));
@@ -248,20 +284,20 @@ fn enter_each(node: &Node, slot: usize, bundle: &Bundle) -> u32 {
             far = _mm256_min_ps(_mm256_mul_ps(_mm256_sub_ps(planes[axis].1, origin), inverse), far);
         }
         let enters = _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_mul_ps(far, slack));
-        groups |= u32::from(_mm256_movemask_ps(enters) != 0) << index;
+        entering |= (_mm256_movemask_ps(enters) as u32) << (WIDTH * index);
     }
-    groups
+    entering & rays
 }
 
-/// Tests a leaf's primitives by the rays of some groups; true if one was hit.
+/// Tests a leaf's primitives by the groups of some rays; true if one was hit.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, groups: u32) -> bool {
+fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, rays: u32) -> bool {
     let mut found = false;
     for packet in &wide.packets[leaf.packets()] {
         for lane in (0..LANES).take_while(|&lane| packet.primitives[lane] != Packet::NOTHING) {
             let corners = [0, 1, 2].map(|corner| bundle.axes.map(|axis| _mm256_set1_ps(packet.corners[corner][axis][lane])));
-            for index in (0..bundle.n_groups).filter(|index| groups >> index & 1 != 0) {
+            for index in (0..bundle.n_groups).filter(|index| rays >> (WIDTH * index) & 0xff != 0) {
                 let (sure, unsure, t) = meet(&corners, bundle, index, packet.primitives[lane]);
                 if sure | unsure != 0 {
                     found |= accept::<ANY>(bundle, index, packet, lane, sure, unsure, t);
@@ -269,7 +305,7 @@ fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, gro
             }
         }
         if leaf.has_spheres() {
-            found |= meet_spheres::<ANY>(wide, bundle, packet, groups);
+            found |= meet_spheres::<ANY>(wide, bundle, packet, rays);
         }
     }
     found
@@ -366,11 +402,11 @@ impl Group {
 
 /// Spheres are rare: one ray and one sphere at a time.
 #[cold]
-fn meet_spheres<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, packet: &Packet, groups: u32) -> bool {
+fn meet_spheres<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, packet: &Packet, rays: u32) -> bool {
     let mut found = false;
     for primitive in packet.primitives.into_iter().filter(|&p| p != Packet::NOTHING) {
         let Primitive::Sphere(sphere) = wide.soup.primitive(primitive) else { continue };
-        for (index, query) in bundle.queries.iter().enumerate().filter(|(i, _)| groups >> (i / WIDTH) & 1 != 0) {
+        for (index, query) in bundle.queries.iter().enumerate().filter(|(i, _)| rays >> i & 1 != 0) {
             if let Some(t) = sphere.intersect(&query.ray, query.ray.t_min, query.ray.t_max) {
                 found |= bundle.groups[index / WIDTH].offer::<ANY>(index % WIDTH, Hit { t, primitive });
             }
