@@ -1,9 +1,9 @@
-//! Many rays at once: alike ones are bundled, the others go alone.
+//! Many rays at once: those of one class are bundled.
 
 use super::Wide;
 use super::packet;
 use crate::accel::query::Query;
-use crate::accel::{Accel, Hit, Ray};
+use crate::accel::{Hit, Ray};
 
 /// Octants times largest axes.
 const CLASSES: usize = 24;
@@ -21,19 +21,12 @@ struct Open {
     n_rays: usize,
 }
 
-/// Calls `bundled` with bundles of alike rays, in their order, and `alone` with the others.
+/// Calls `bundled` with rays of one class, in their order.
 ///
 /// Rays of up to 24 classes may alternate, as at a corner of the picture; each class fills a bundle of its own.
-fn sort_out(rays: &[Ray], mut bundled: impl FnMut(&[Query], &[u32]), mut alone: impl FnMut(&Query, u32)) {
+fn sort_out(rays: &[Ray], mut bundled: impl FnMut(&[Query], &[u32])) {
     let mut open: [Option<Box<Open>>; CLASSES] = Default::default();
-    let mut finish = |open: &Open| {
-        let (queries, indices) = (&open.queries[..open.n_rays], &open.indices[..open.n_rays]);
-        if packet::is_coherent(queries) {
-            bundled(queries, indices);
-        } else {
-            queries.iter().zip(indices).for_each(|(query, &index)| alone(query, index));
-        }
-    };
+    let mut finish = |open: &Open| bundled(&open.queries[..open.n_rays], &open.indices[..open.n_rays]);
     for (index, ray) in rays.iter().enumerate() {
         let Some(query) = Query::new(ray) else { continue };
         let open = open[class(&query)]
@@ -52,22 +45,12 @@ fn sort_out(rays: &[Ray], mut bundled: impl FnMut(&[Query], &[u32]), mut alone: 
 pub fn nearest(wide: &Wide, rays: &[Ray], hits: &mut [Option<Hit>]) {
     assert_eq!(rays.len(), hits.len(), "one hit for each ray");
     hits.fill(None);
-    let hits = std::cell::RefCell::new(hits);
-    sort_out(
-        rays,
-        |queries, indices| packet::nearest(wide, queries, |i, hit| hits.borrow_mut()[indices[i] as usize] = hit),
-        |query, index| hits.borrow_mut()[index as usize] = wide.intersect(&query.ray),
-    );
+    sort_out(rays, |queries, indices| packet::nearest(wide, queries, |i, hit| hits[indices[i] as usize] = hit));
 }
 
 /// Occlusion.
 pub fn any(wide: &Wide, rays: &[Ray], occluded: &mut [bool]) {
     assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
     occluded.fill(false);
-    let occluded = std::cell::RefCell::new(occluded);
-    sort_out(
-        rays,
-        |queries, indices| packet::any(wide, queries, |i, answer| occluded.borrow_mut()[indices[i] as usize] = answer),
-        |query, index| occluded.borrow_mut()[index as usize] = wide.occluded(&query.ray),
-    );
+    sort_out(rays, |queries, indices| packet::any(wide, queries, |i, answer| occluded[indices[i] as usize] = answer));
 }

@@ -14,7 +14,6 @@ use super::{Wide, avx2};
 use crate::accel::query::{BOX_SLACK, Query};
 use crate::geometry::Hit;
 use crate::geometry::soup::Primitive;
-use crate::math::Vec3;
 
 /// Groups of eight rays in a bundle.
 const GROUPS: usize = 4;
@@ -30,7 +29,6 @@ struct Eight([f32; WIDTH]);
 struct Bundle<'a> {
     queries: &'a [Query],
     groups: [Group; GROUPS],
-    n_groups: usize,
     together: Together,
     /// Rows of [`Node::planes`] through which all rays enter.
     enter: [usize; 3],
@@ -52,6 +50,7 @@ struct Group {
 }
 
 /// Bounds of all rays: for each axis the origin that enters first and the one that leaves last, and the inverse's ends.
+#[derive(Default)]
 struct Together {
     first: [f32; 3],
     last: [f32; 3],
@@ -85,31 +84,20 @@ pub fn any(wide: &Wide, queries: &[Query], mut answer: impl FnMut(usize, bool)) 
     }
 }
 
-/// True if the rays run close enough together for a bundle.
-pub fn is_coherent(queries: &[Query]) -> bool {
-    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-    for query in queries {
-        for i in 0..2 {
-            low[i] = low[i].min(query.sheared.shear[i]);
-            high[i] = high[i].max(query.sheared.shear[i]);
-        }
-    }
-    queries.len() >= WIDTH && (0..2).all(|i| high[i] - low[i] <= MAX_SPREAD) && queries.iter().all(|q| q.inverse.is_finite())
-}
-
 /// Widest spread of directions, as a slope, at which bundles were faster than single rays.
-const MAX_SPREAD: f32 = 0.25;
+const MAX_SPREAD: f32 = 1.0;
 
 impl<'a> Bundle<'a> {
     fn new(queries: &'a [Query]) -> Self {
-        let none = Eight([0.0; WIDTH]);
-        // A lane without a ray ends before it starts.
+        let first = &queries[0];
+        let spread = |v: [f32; 3]| v.map(|x| Eight([x; WIDTH]));
+        // A lane without a ray has the first one's numbers, but ends before it starts.
         let empty = Group {
-            origin: [none; 3],
-            inverse: [Eight([1.0; WIDTH]); 3],
-            shear: [none; 3],
-            t_min: none,
-            limit: Eight([-1.0; WIDTH]),
+            origin: spread(first.ray.origin.into()),
+            inverse: spread(first.inverse.into()),
+            shear: spread(first.sheared.shear),
+            t_min: Eight([first.ray.t_min; WIDTH]),
+            limit: Eight([f32::NEG_INFINITY; WIDTH]),
             primitive: [0; WIDTH],
         };
         let mut groups = [empty; GROUPS];
@@ -123,34 +111,51 @@ impl<'a> Bundle<'a> {
             group.t_min.0[lane] = query.ray.t_min;
             group.limit.0[lane] = query.ray.t_max;
         }
-        let first = &queries[0];
         let enter = [0, 1, 2].map(|axis| if first.inverse[axis] >= 0.0 { axis } else { axis + 3 });
-        let n_groups = queries.len().div_ceil(WIDTH);
-        Self { queries, groups, n_groups, together: Together::new(queries), enter, axes: first.sheared.axes }
-    }
-
-    /// Brings the common end up to date; false if all rays have ended.
-    fn update_limit(&mut self) -> bool {
-        let limits = self.groups[..self.n_groups].iter().flat_map(|g| g.limit.0);
-        self.together.limit = limits.fold(f32::NEG_INFINITY, f32::max);
-        self.together.limit >= 0.0
+        Self { queries, groups, together: Together::default(), enter, axes: first.sheared.axes }
     }
 }
 
+/// Lowest and highest of one number over all rays.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn range(groups: &[Group; GROUPS], of: impl Fn(&Group) -> &Eight) -> (f32, f32) {
+    let values = [0, 1, 2, 3].map(|index| load8(&of(&groups[index]).0));
+    let low = _mm256_min_ps(_mm256_min_ps(values[0], values[1]), _mm256_min_ps(values[2], values[3]));
+    let high = _mm256_max_ps(_mm256_max_ps(values[0], values[1]), _mm256_max_ps(values[2], values[3]));
+    // The highest of -x is the lowest of x with its sign turned.
+    (-highest(_mm256_sub_ps(_mm256_setzero_ps(), low)), highest(high))
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn highest(values: __m256) -> f32 {
+    let four = _mm_max_ps(_mm256_castps256_ps128(values), _mm256_extractf128_ps::<1>(values));
+    let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
+    _mm_cvtss_f32(_mm_max_ss(two, _mm_shuffle_ps::<1>(two, two)))
+}
+
 impl Together {
-    fn new(queries: &[Query]) -> Self {
-        let fold = |f: fn(Vec3, Vec3) -> Vec3, of: fn(&Query) -> Vec3| queries.iter().map(of).reduce(f).expect("not empty");
-        let (least, most) = (fold(Vec3::min, |q| q.ray.origin), fold(Vec3::max, |q| q.ray.origin));
-        let positive = queries[0].inverse.cmpge(Vec3::ZERO);
-        let of = |f: fn(f32, f32) -> f32, of: fn(&Query) -> f32| queries.iter().map(of).fold(of(&queries[0]), f);
-        Self {
-            first: Vec3::select(positive, most, least).into(),
-            last: Vec3::select(positive, least, most).into(),
-            low: fold(Vec3::min, |q| q.inverse).into(),
-            high: fold(Vec3::max, |q| q.inverse).into(),
-            t_min: of(f32::min, |q| q.ray.t_min),
-            limit: of(f32::max, |q| q.ray.t_max),
+    /// The common bounds, if the rays run close enough together.
+    #[inline]
+    #[target_feature(enable = "avx2,bmi1,bmi2")]
+    fn new(bundle: &Bundle) -> Option<Together> {
+        let groups = &bundle.groups;
+        let spread = |i: usize| {
+            let (low, high) = range(groups, |group| &group.shear[i]);
+            high - low
+        };
+        let mut together = Together::default();
+        for axis in 0..3 {
+            let (least, most) = range(groups, |group| &group.origin[axis]);
+            let forward = bundle.enter[axis] == axis;
+            (together.first[axis], together.last[axis]) = if forward { (most, least) } else { (least, most) };
+            (together.low[axis], together.high[axis]) = range(groups, |group| &group.inverse[axis]);
         }
+        together.t_min = range(groups, |group| &group.t_min).0;
+        together.limit = range(groups, |group| &group.limit).1;
+        let is_finite = (0..3).all(|axis| together.low[axis].is_finite() && together.high[axis].is_finite());
+        (is_finite && spread(0) <= MAX_SPREAD && spread(1) <= MAX_SPREAD).then_some(together)
     }
 }
 
@@ -167,8 +172,15 @@ struct Entry {
 /// The walk of all rays through the tree.
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 fn walk<const ANY: bool>(wide: &Wide, bundle: &mut Bundle) {
-    let mut stack = Stack::new();
     let (mut current, mut rays) = (Child::ROOT, u32::MAX >> (RAYS - bundle.queries.len()));
+    match Together::new(bundle) {
+        Some(together) => bundle.together = together,
+        None => {
+            go_alone::<ANY>(wide, bundle, current, rays);
+            return;
+        }
+    }
+    let mut stack = Stack::new();
     loop {
         let found = if rays.count_ones() <= FEW {
             go_alone::<ANY>(wide, bundle, current, rays)
@@ -178,8 +190,8 @@ fn walk<const ANY: bool>(wide: &Wide, bundle: &mut Bundle) {
             descend(wide, bundle, current, rays, &mut stack);
             false
         };
-        if found && !bundle.update_limit() {
-            return;
+        if found {
+            bundle.together.limit = range(&bundle.groups, |group| &group.limit).1;
         }
         loop {
             let Some(entry) = stack.pop() else { return };
@@ -297,10 +309,11 @@ fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, ray
     for packet in &wide.packets[leaf.packets()] {
         for lane in (0..LANES).take_while(|&lane| packet.primitives[lane] != Packet::NOTHING) {
             let corners = [0, 1, 2].map(|corner| bundle.axes.map(|axis| _mm256_set1_ps(packet.corners[corner][axis][lane])));
-            for index in (0..bundle.n_groups).filter(|index| rays >> (WIDTH * index) & 0xff != 0) {
-                let (sure, unsure, t) = meet(&corners, bundle, index, packet.primitives[lane]);
-                if sure | unsure != 0 {
-                    found |= accept::<ANY>(bundle, index, packet, lane, sure, unsure, t);
+            for index in (0..GROUPS).filter(|index| rays >> (WIDTH * index) & 0xff != 0) {
+                let (is_hit, unsure) = meet::<ANY>(&corners, bundle, index, packet.primitives[lane]);
+                found |= is_hit;
+                if unsure != 0 {
+                    found |= meet_unsure::<ANY>(bundle, index, packet, lane, unsure);
                 }
             }
         }
@@ -311,13 +324,14 @@ fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, ray
     found
 }
 
-/// Rays of a group that hit a triangle better than before, those with an edge function of zero, and where.
+/// Writes down which rays of a group hit a triangle better than before, and says whether one does; and the rays with an edge
+/// function of zero.
 ///
 /// The operations are those of [`Query::meet`], lane by lane.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-fn meet(corners: &[[__m256; 3]; 3], bundle: &Bundle, index: usize, primitive: u32) -> (u32, u32, Eight) {
-    let group = &bundle.groups[index];
+fn meet<const ANY: bool>(corners: &[[__m256; 3]; 3], bundle: &mut Bundle, index: usize, primitive: u32) -> (bool, u32) {
+    let group = &mut bundle.groups[index];
     let origin = bundle.axes.map(|axis| load8(&group.origin[axis].0));
     let shear = [0, 1, 2].map(|i| load8(&group.shear[i].0));
     let project = |corner: &[__m256; 3]| {
@@ -332,7 +346,7 @@ fn meet(corners: &[[__m256; 3]; 3], bundle: &Bundle, index: usize, primitive: u3
     let has_positive = _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_max_ps(_mm256_max_ps(u, v), w), zero);
     let outside = _mm256_and_ps(has_negative, has_positive);
     if _mm256_movemask_ps(outside) == 0xff {
-        return (0, 0, Eight([0.0; WIDTH]));
+        return (false, 0);
     }
     let det = _mm256_add_ps(_mm256_add_ps(u, v), w);
     let [az, bz, cz] = [az, bz, cz].map(|z| _mm256_mul_ps(shear[2], z));
@@ -341,38 +355,35 @@ fn meet(corners: &[[__m256; 3]; 3], bundle: &Bundle, index: usize, primitive: u3
     let limit = load8(&group.limit.0);
     // SAFETY: the reference covers the 32 bytes read; no alignment is asked for.
     let best = unsafe { _mm256_loadu_si256(group.primitive.as_ptr().cast()) };
-    let is_lower = _mm256_castsi256_ps(_mm256_cmpgt_epi32(best, _mm256_set1_epi32(primitive as i32)));
+    let primitive = _mm256_set1_epi32(primitive as i32);
+    let is_lower = _mm256_castsi256_ps(_mm256_cmpgt_epi32(best, primitive));
     let ties = _mm256_and_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(distance, limit), is_lower);
     let nearer = _mm256_or_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(distance, limit), ties);
     let in_interval = _mm256_and_ps(nearer, _mm256_cmp_ps::<_CMP_GT_OQ>(distance, load8(&group.t_min.0)));
     let equals_zero = |x| _mm256_cmp_ps::<_CMP_EQ_OQ>(x, zero);
     let is_zero = _mm256_or_ps(_mm256_or_ps(equals_zero(u), equals_zero(v)), equals_zero(w));
-    let sure = _mm256_movemask_ps(_mm256_andnot_ps(_mm256_or_ps(outside, is_zero), in_interval)) as u32;
+    let sure = _mm256_andnot_ps(_mm256_or_ps(outside, is_zero), in_interval);
     // A ray inside a wall's plane has many such triangles before it; their corners all lie on an axis, and none is met.
     let (x, y) = (_mm256_or_ps(_mm256_or_ps(ax, bx), cx), _mm256_or_ps(_mm256_or_ps(ay, by), cy));
     let dismissed = _mm256_or_ps(outside, _mm256_or_ps(equals_zero(x), equals_zero(y)));
     let unsure = _mm256_movemask_ps(_mm256_andnot_ps(dismissed, is_zero)) as u32;
-    let mut t = Eight([0.0; WIDTH]);
-    // SAFETY: the array's 32 bytes are written, at the alignment of `Eight`.
-    unsafe { _mm256_store_ps(t.0.as_mut_ptr(), distance) };
-    (sure, unsure, t)
+    let is_hit = _mm256_movemask_ps(sure) != 0;
+    if is_hit {
+        let end = if ANY { _mm256_set1_ps(f32::NEG_INFINITY) } else { distance };
+        // SAFETY: the array's 32 bytes are written, at the alignment of `Eight`.
+        unsafe { _mm256_store_ps(group.limit.0.as_mut_ptr(), _mm256_blendv_ps(limit, end, sure)) };
+        let kept = _mm256_blendv_epi8(best, primitive, _mm256_castps_si256(sure));
+        // SAFETY: the array's 32 bytes are written; no alignment is asked for.
+        unsafe { _mm256_storeu_si256(group.primitive.as_mut_ptr().cast(), kept) };
+    }
+    (is_hit, unsure)
 }
 
-/// Writes the hits of `sure` down, and those of `unsure` that the test in f64 confirms.
-fn accept<const ANY: bool>(
-    bundle: &mut Bundle,
-    index: usize,
-    packet: &Packet,
-    lane: usize,
-    sure: u32,
-    unsure: u32,
-    t: Eight,
-) -> bool {
-    let mut found = sure != 0;
+/// Tests the rays of `unsure` one by one in f64.
+#[cold]
+fn meet_unsure<const ANY: bool>(bundle: &mut Bundle, index: usize, packet: &Packet, lane: usize, unsure: u32) -> bool {
+    let mut found = false;
     let primitive = packet.primitives[lane];
-    for ray in (0..WIDTH).filter(|ray| sure >> ray & 1 != 0) {
-        bundle.groups[index].keep::<ANY>(ray, Hit { t: t.0[ray], primitive });
-    }
     for ray in (0..WIDTH).filter(|ray| unsure >> ray & 1 != 0) {
         let Some(query) = bundle.queries.get(index * WIDTH + ray) else { continue };
         if let Some(t) = query.meet(packet.triangle(lane), query.ray.t_max) {
