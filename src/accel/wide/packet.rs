@@ -160,7 +160,7 @@ impl Together {
 }
 
 /// So few rays go on alone.
-const FEW: u32 = 6;
+const FEW: u32 = 7;
 
 /// What is put aside: a child, where the first ray enters it, and which rays do.
 #[derive(Clone, Copy, PartialEq, PartialOrd)]
