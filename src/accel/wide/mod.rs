@@ -158,7 +158,7 @@ mod tests {
                 let ray = |i: u64| {
                     let mut s = Sampler::new(10, i, 0);
                     let (origin, direction) = (from + 0.1 * point(&mut s), towards + spread * (point(&mut s) - 0.5));
-                    let t_max = if i % 11 == 0 { f32::NAN } else { 4.0 * s.next_1d() };
+                    let t_max = if i.is_multiple_of(11) { f32::NAN } else { 4.0 * s.next_1d() };
                     Ray { t_max, ..Ray::new(origin, direction) }
                 };
                 let rays: Vec<Ray> = (0..n_rays).map(ray).collect();

@@ -290,10 +290,10 @@ fn enter_each(node: &Node, slot: usize, bundle: &Bundle, rays: u32) -> u32 {
     let mut entering = 0;
     for (index, group) in bundle.groups.iter().enumerate().filter(|&(index, _)| rays >> (WIDTH * index) & 0xff != 0) {
         let (mut near, mut far) = (load8(&group.t_min.0), load8(&group.limit.0));
-        for axis in 0..3 {
+        for (axis, (enter, leave)) in planes.into_iter().enumerate() {
             let (origin, inverse) = (load8(&group.origin[axis].0), load8(&group.inverse[axis].0));
-            near = _mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(planes[axis].0, origin), inverse), near);
-            far = _mm256_min_ps(_mm256_mul_ps(_mm256_sub_ps(planes[axis].1, origin), inverse), far);
+            near = _mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(enter, origin), inverse), near);
+            far = _mm256_min_ps(_mm256_mul_ps(_mm256_sub_ps(leave, origin), inverse), far);
         }
         let enters = _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_mul_ps(far, slack));
         entering |= (_mm256_movemask_ps(enters) as u32) << (WIDTH * index);
