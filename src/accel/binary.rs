@@ -50,14 +50,15 @@ impl Binary {
         let mut height = 0;
         while let Some((index, _)) = current {
             let node = &self.tree.nodes[index as usize];
-            if node.is_leaf {
-                match visit(node.first, limit) {
+            if node.is_leaf() {
+                match visit(node.primitive, limit) {
                     Some(end) => limit = end,
                     None => return,
                 }
                 current = None;
             } else {
-                current = match (enter(node.first, limit), enter(node.first + 1, limit)) {
+                let [first, second] = self.tree.children(index);
+                current = match (enter(first, limit), enter(second, limit)) {
                     (Some(a), Some(b)) => {
                         let (near, far) = if b.1 < a.1 { (b, a) } else { (a, b) };
                         stack[height] = far;
@@ -123,8 +124,8 @@ fn depth(tree: &Tree) -> usize {
     while let Some((index, depth)) = open.pop() {
         deepest = deepest.max(depth);
         let node = &tree.nodes[index as usize];
-        if !node.is_leaf {
-            open.extend([(node.first, depth + 1), (node.first + 1, depth + 1)]);
+        if !node.is_leaf() {
+            open.extend(tree.children(index).map(|child| (child, depth + 1)));
         }
     }
     deepest

@@ -12,7 +12,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use crate::geometry::{Bounds, Soup};
 use crate::math::Vec3A;
 
-/// Binary tree whose leaves hold one primitive each.
+/// Binary tree whose leaves hold one primitive each, in preorder: a node, all of its first child's nodes, all of the second's.
 pub struct Tree {
     /// Root first.
     pub nodes: Vec<BinaryNode>,
@@ -23,10 +23,18 @@ pub struct Tree {
 pub struct BinaryNode {
     /// Box of everything below.
     pub bounds: Bounds,
-    /// First child of an inner node, the other one being next to it; primitive of a leaf.
-    pub first: u32,
+    /// Number of nodes in this subtree; 1 for a leaf.
+    pub size: u32,
+    /// Primitive of a leaf.
+    pub primitive: u32,
+}
+
+impl BinaryNode {
     /// True for a leaf.
-    pub is_leaf: bool,
+    #[inline]
+    pub fn is_leaf(&self) -> bool {
+        self.size == 1
+    }
 }
 
 impl Tree {
@@ -52,26 +60,42 @@ impl Tree {
         let finite = |b: &Aabb| b.min.is_finite() && b.max.is_finite();
         let (indices, aabbs): (Vec<u32>, Vec<Aabb>) =
             (0..soup.len() as u32).map(|i| (i, to_aabb(i))).filter(|(_, b)| finite(b)).unzip();
-        let convert = |n: &Bvh2Node| {
-            let first = if n.is_leaf() { indices[n.first_index as usize] } else { n.first_index };
-            BinaryNode { bounds: Bounds::new(n.aabb().min.into(), n.aabb().max.into()), first, is_leaf: n.is_leaf() }
-        };
-        Tree { nodes: method(&aabbs).iter().map(convert).collect() }
+        let mut tree = Tree { nodes: preorder(&method(&aabbs), &indices) };
+        tree.count_sizes();
+        tree
     }
 
-    /// All nodes, each before its children.
-    pub fn preorder(&self) -> Vec<u32> {
-        let mut order = Vec::with_capacity(self.nodes.len());
-        let mut open: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
-        while let Some(index) = open.pop() {
-            order.push(index);
-            let node = &self.nodes[index as usize];
-            if !node.is_leaf {
-                open.extend([node.first + 1, node.first]);
-            }
-        }
-        order
+    /// The two children of an inner node.
+    #[inline]
+    pub fn children(&self, index: u32) -> [u32; 2] {
+        [index + 1, index + 1 + self.nodes[index as usize + 1].size]
     }
+
+    fn count_sizes(&mut self) {
+        for index in (0..self.nodes.len()).rev() {
+            if self.nodes[index].is_leaf() {
+                continue;
+            }
+            let [first, second] = self.children(index as u32);
+            self.nodes[index].size = 1 + self.nodes[first as usize].size + self.nodes[second as usize].size;
+        }
+    }
+}
+
+/// obvhs' nodes, which lie in any order, in preorder; sizes of inner nodes are still 0.
+fn preorder(nodes: &[Bvh2Node], indices: &[u32]) -> Vec<BinaryNode> {
+    let mut ordered = Vec::with_capacity(nodes.len());
+    let mut open: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
+    while let Some(index) = open.pop() {
+        let node = &nodes[index as usize];
+        let bounds = Bounds::new(node.aabb().min.into(), node.aabb().max.into());
+        let (size, primitive) = if node.is_leaf() { (1, indices[node.first_index as usize]) } else { (0, 0) };
+        ordered.push(BinaryNode { bounds, size, primitive });
+        if !node.is_leaf() {
+            open.extend([node.first_index + 1, node.first_index]);
+        }
+    }
+    ordered
 }
 
 /// obvhs' builder with the safe parameters.

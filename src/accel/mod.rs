@@ -2,7 +2,7 @@
 //!
 //! Every engine obeys the same rules, held by `tests/laws/accel_conformance.rs`:
 //! - both sides of a triangle count, and so do its edges and vertices;
-//! - of hits at equal t, the primitive with the lowest index is reported;
+//! - of hits at equal t, the primitive with the lowest index is reported (Embree: any of them);
 //! - a ray that is not [valid](Ray::is_valid) hits nothing, and nothing behind a ray's origin is hit;
 //! - [`Accel::occluded`] agrees with [`Accel::intersect`].
 //!
@@ -12,6 +12,10 @@
 mod binary;
 mod brute_force;
 mod bvh;
+#[cfg(feature = "embree")]
+pub mod embree;
+#[cfg(feature = "embree")]
+mod embree_sys;
 mod query;
 mod wide;
 
@@ -29,6 +33,26 @@ pub trait Accel: Send + Sync {
 
     /// True if anything lies in (`t_min`, `t_max`).
     fn occluded(&self, ray: &Ray) -> bool;
+
+    /// The nearest hits of many rays, each the same as by [`intersect`](Self::intersect).
+    ///
+    /// Worth while where neighbours in `rays` are alike: camera rays of one tile, shadow rays from or to one place.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    fn intersect_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), hits.len(), "one hit for each ray");
+        rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.intersect(ray));
+    }
+
+    /// For many rays, the same as [`occluded`](Self::occluded).
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
+        rays.iter().zip(occluded).for_each(|(ray, answer)| *answer = self.occluded(ray));
+    }
 
     /// Memory that the engine holds beside the [`Soup`], in bytes.
     fn memory_bytes(&self) -> usize;
@@ -96,6 +120,12 @@ pub enum AccelError {
          --features embree`, or use `--accel obvhs`"
     )]
     EmbreeMissing,
+    /// Embree refused.
+    #[error("Embree: {message}")]
+    Embree {
+        /// Its own words.
+        message: String,
+    },
     /// More primitives than 32-bit indices can name.
     #[error("{count} primitives, but at most {limit} are supported")]
     TooManyPrimitives {
@@ -119,6 +149,9 @@ pub fn build(soup: Arc<Soup>, kind: AccelKind) -> Result<Box<dyn Accel>, AccelEr
     match kind {
         AccelKind::Obvhs => Ok(Box::new(wide::Wide::new(soup))),
         AccelKind::BruteForce => Ok(Box::new(brute_force::BruteForce::new(soup))),
+        #[cfg(feature = "embree")]
+        AccelKind::Embree => Ok(Box::new(embree::Embree::new(soup, embree::Mode::Robust)?)),
+        #[cfg(not(feature = "embree"))]
         AccelKind::Embree => Err(AccelError::EmbreeMissing),
     }
 }

@@ -15,30 +15,30 @@ pub fn is_supported() -> bool {
     is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1") && is_x86_feature_detected!("bmi2")
 }
 
-/// Nearest hit.
+/// Nearest hit below `start`, or `best` if there is none better.
 #[inline]
-pub fn nearest(wide: &Wide, query: &Query) -> Option<Hit> {
+pub fn nearest(wide: &Wide, query: &Query, start: Child, best: Option<Hit>) -> Option<Hit> {
     debug_assert!(wide.use_avx2);
     // SAFETY: `Wide::use_avx2`, on which the caller branches, is true only if `is_supported` said so.
-    unsafe { nearest_avx2(wide, query) }
+    unsafe { nearest_avx2(wide, query, start, best) }
 }
 
-/// Any hit.
+/// Any hit below `start`.
 #[inline]
-pub fn any(wide: &Wide, query: &Query) -> bool {
+pub fn any(wide: &Wide, query: &Query, start: Child) -> bool {
     debug_assert!(wide.use_avx2);
     // SAFETY: as in `nearest`.
-    unsafe { any_avx2(wide, query) }
+    unsafe { any_avx2(wide, query, start) }
 }
 
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-fn nearest_avx2(wide: &Wide, query: &Query) -> Option<Hit> {
-    traverse::<Avx2, false>(wide, query)
+fn nearest_avx2(wide: &Wide, query: &Query, start: Child, best: Option<Hit>) -> Option<Hit> {
+    traverse::<Avx2, false>(wide, query, start, best)
 }
 
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-fn any_avx2(wide: &Wide, query: &Query) -> bool {
-    traverse::<Avx2, true>(wide, query).is_some()
+fn any_avx2(wide: &Wide, query: &Query, start: Child) -> bool {
+    traverse::<Avx2, true>(wide, query, start, None).is_some()
 }
 
 /// AVX2. Private to this file: only the two functions above use it, which run with AVX2.
@@ -56,6 +56,9 @@ struct SpreadRay {
     sheared_origin: [__m128; 3],
     shear: [__m128; 3],
     near: __m128,
+    /// Axes along which the ray does not move.
+    still: [bool; 3],
+    is_still: bool,
 }
 
 impl Lanes for Avx2 {
@@ -81,13 +84,19 @@ impl Lanes for Avx2 {
 
     #[inline(always)]
     fn prefetch(wide: &Wide, child: Child) {
-        if child.is_leaf() {
-            let packet = wide.packets.as_ptr().wrapping_add(child.packets().start);
-            prefetch_lines(packet.cast(), 3);
-        } else {
-            let node = wide.nodes.as_ptr().wrapping_add(child.0 as usize);
-            prefetch_lines(node.cast(), 4);
-        }
+        prefetch(wide, child);
+    }
+}
+
+/// Asks for the memory of a node or of a leaf's first packet.
+#[inline(always)]
+pub fn prefetch(wide: &Wide, child: Child) {
+    if child.is_leaf() {
+        let packet = wide.packets.as_ptr().wrapping_add(child.packets().start);
+        prefetch_lines(packet.cast(), 3);
+    } else {
+        let node = wide.nodes.as_ptr().wrapping_add(child.0 as usize);
+        prefetch_lines(node.cast(), 4);
     }
 }
 
@@ -113,6 +122,8 @@ fn spread(query: &Query) -> SpreadRay {
         sheared_origin: sheared.axes.map(|axis| _mm_set1_ps(ray.origin[axis])),
         shear: sheared.shear.map(|x| _mm_set1_ps(x)),
         near: _mm_set1_ps(ray.t_min),
+        still: query.still(),
+        is_still: query.still() != [false; 3],
     }
 }
 
@@ -140,7 +151,17 @@ fn enter(node: &Node, ray: &SpreadRay, limit: f32, distances: &mut Distances) ->
     // SAFETY: the array's 32 bytes are written, at the alignment of `Distances`.
     unsafe { _mm256_store_ps(distances.0.as_mut_ptr(), near) };
     let stretched = _mm256_mul_ps(far, _mm256_set1_ps(BOX_SLACK));
-    _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, stretched)) as u32
+    let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, stretched)) as u32;
+    if ray.is_still { mask & !holding_ray(node, ray) } else { mask }
+}
+
+/// Children whose boxes are flat and hold the ray in their plane; see [`Query::still`].
+#[cold]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn holding_ray(node: &Node, ray: &SpreadRay) -> u32 {
+    let at = |row: usize, axis: usize| _mm256_cmp_ps::<_CMP_EQ_OQ>(load8(&node.planes[row]), ray.origin[axis]);
+    let of = |axis: usize| _mm256_movemask_ps(_mm256_and_ps(at(axis, axis), at(axis + 3, axis))) as u32;
+    (0..3).filter(|&axis| ray.still[axis]).fold(0, |mask, axis| mask | of(axis))
 }
 
 #[inline]
@@ -185,11 +206,17 @@ fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f3
     let distance = _mm_div_ps(scaled, det);
     let in_interval = _mm_and_ps(_mm_cmpgt_ps(distance, ray.near), _mm_cmplt_ps(distance, _mm_set1_ps(limit)));
     let is_zero = _mm_or_ps(_mm_or_ps(_mm_cmpeq_ps(u, zero), _mm_cmpeq_ps(v, zero)), _mm_cmpeq_ps(w, zero));
-    let unsure = _mm_movemask_ps(_mm_andnot_ps(outside, is_zero)) as u32;
+    let mut unsure = _mm_movemask_ps(_mm_andnot_ps(outside, is_zero)) as u32;
     let met = _mm_movemask_ps(_mm_andnot_ps(_mm_or_ps(outside, is_zero), in_interval)) as u32;
     if met | unsure != 0 {
         // SAFETY: the array's 16 bytes are written; no alignment is asked for.
         unsafe { _mm_storeu_ps(t.as_mut_ptr(), distance) };
+    }
+    if unsure != 0 {
+        // A ray inside a wall's plane has many such triangles before it; their corners all lie on an axis, and none is met.
+        let (x, y) = (_mm_or_ps(_mm_or_ps(ax, bx), cx), _mm_or_ps(_mm_or_ps(ay, by), cy));
+        let edge_on = _mm_or_ps(_mm_cmpeq_ps(x, zero), _mm_cmpeq_ps(y, zero));
+        unsure &= !_mm_movemask_ps(edge_on) as u32;
     }
     if unsure == 0 { met } else { met | meet_unsure(packet, query, unsure, limit, t) }
 }

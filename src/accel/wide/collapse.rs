@@ -60,17 +60,37 @@ struct Step {
 impl Plan {
     fn new(tree: &Tree) -> Self {
         let mut steps = vec![Step::default(); tree.nodes.len()];
-        for &index in tree.preorder().iter().rev() {
-            let node = &tree.nodes[index as usize];
-            steps[index as usize] = if node.is_leaf {
-                let cost = [half_area(node) * PACKET_COST; WIDTH - 1];
-                Step { cost, is_leaf: true, count: 1, ..Step::default() }
-            } else {
-                inner_step(half_area(node), &steps[node.first as usize], &steps[node.first as usize + 1])
-            };
+        if !steps.is_empty() {
+            solve(&tree.nodes, &mut steps);
         }
         Self { steps }
     }
+}
+
+/// Nodes below which a subtree is not worth another task.
+const TASK: usize = 1 << 14;
+
+/// Fills the steps of a subtree, children before parents; the two halves of a large one in parallel.
+fn solve(nodes: &[BinaryNode], steps: &mut [Step]) {
+    if nodes.len() <= TASK {
+        for index in (0..nodes.len()).rev() {
+            steps[index] = step(&nodes[index..], &steps[index..]);
+        }
+        return;
+    }
+    let second = 1 + nodes[1].size as usize;
+    let (first_steps, second_steps) = steps[1..].split_at_mut(second - 1);
+    rayon::join(|| solve(&nodes[1..second], first_steps), || solve(&nodes[second..], second_steps));
+    steps[0] = step(nodes, steps);
+}
+
+/// The step of the first of some nodes in preorder; those of its children are known.
+fn step(nodes: &[BinaryNode], steps: &[Step]) -> Step {
+    let area = half_area(&nodes[0]);
+    if nodes[0].is_leaf() {
+        return Step { cost: [area * PACKET_COST; WIDTH - 1], is_leaf: true, count: 1, ..Step::default() };
+    }
+    inner_step(area, &steps[1], &steps[1 + nodes[1].size as usize])
 }
 
 fn half_area(node: &BinaryNode) -> f32 {
@@ -135,24 +155,25 @@ impl Emit<'_> {
         let (mut roots, mut n_roots) = ([0; WIDTH], 0);
         let step = &self.plan.steps[binary as usize];
         let mut open: Vec<(u32, usize)> = Vec::with_capacity(WIDTH);
-        if self.tree.nodes[binary as usize].is_leaf {
+        if self.tree.nodes[binary as usize].is_leaf() {
             open.push((binary, 1));
         } else {
-            let first = self.tree.nodes[binary as usize].first;
+            let [first, second] = self.tree.children(binary);
             let to_first = usize::from(step.to_first_of_eight);
-            open.extend([(first + 1, WIDTH - to_first), (first, to_first)]);
+            open.extend([(second, WIDTH - to_first), (first, to_first)]);
         }
         while let Some((index, mut share)) = open.pop() {
             let (node, step) = (&self.tree.nodes[index as usize], &self.plan.steps[index as usize]);
             while share > 1 && step.to_first[share - 1] == 0 {
                 share -= 1;
             }
-            if share == 1 || node.is_leaf {
+            if share == 1 || node.is_leaf() {
                 roots[n_roots] = index;
                 n_roots += 1;
             } else {
                 let to_first = usize::from(step.to_first[share - 1]);
-                open.extend([(node.first + 1, share - to_first), (node.first, to_first)]);
+                let [first, second] = self.tree.children(index);
+                open.extend([(second, share - to_first), (first, to_first)]);
             }
         }
         (roots, n_roots)
@@ -160,16 +181,13 @@ impl Emit<'_> {
 
     /// Packs the primitives under a binary node.
     fn leaf(&mut self, root: u32) -> Child {
-        let mut primitives = Vec::with_capacity(MAX_LEAF as usize);
-        let mut open = vec![root];
-        while let Some(index) = open.pop() {
-            let node = &self.tree.nodes[index as usize];
-            if node.is_leaf {
-                primitives.push(node.first);
-            } else {
-                open.extend([node.first, node.first + 1]);
-            }
+        let below = &self.tree.nodes[root as usize..][..self.tree.nodes[root as usize].size as usize];
+        let (mut primitives, mut n) = ([0; MAX_LEAF as usize], 0);
+        for node in below.iter().filter(|node| node.is_leaf()) {
+            primitives[n] = node.primitive;
+            n += 1;
         }
+        let primitives = &mut primitives[..n];
         primitives.sort_unstable();
         let (first, mut has_spheres) = (self.packets.len(), false);
         for chunk in primitives.chunks(LANES) {

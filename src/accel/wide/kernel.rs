@@ -37,21 +37,24 @@ pub struct Distances(pub [f32; WIDTH]);
 /// What is put aside: a child and the t at which the ray enters it, in the upper half, so that keys sort by t (which is not
 /// negative).
 #[derive(Clone, Copy, PartialEq, PartialOrd)]
-struct Key(u64);
+pub struct Key(u64);
 
 impl Key {
+    /// Key of a child entered at `t`.
     #[inline(always)]
-    fn new(t: f32, child: Child) -> Self {
+    pub fn new(t: f32, child: Child) -> Self {
         Key(u64::from(t.to_bits()) << 32 | u64::from(child.0))
     }
 
+    /// Where the ray enters.
     #[inline(always)]
-    fn t(self) -> f32 {
+    pub fn t(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
     }
 
+    /// What it enters.
     #[inline(always)]
-    fn child(self) -> Child {
+    pub fn child(self) -> Child {
         Child(self.0 as u32)
     }
 }
@@ -59,33 +62,42 @@ impl Key {
 /// One level puts seven children aside at most.
 const STACK: usize = (WIDTH - 1) * MAX_DEPTH + 1;
 
-struct Stack {
-    keys: [MaybeUninit<Key>; STACK],
+/// Keys put aside.
+pub struct Stack<T> {
+    keys: [MaybeUninit<T>; STACK],
     height: usize,
 }
 
-impl Stack {
+impl<T: Copy + PartialOrd> Stack<T> {
+    /// Empty.
     #[inline(always)]
-    fn new() -> Self {
-        Self { keys: [MaybeUninit::uninit(); STACK], height: 0 }
+    pub fn new() -> Self {
+        Self { keys: [const { MaybeUninit::uninit() }; STACK], height: 0 }
+    }
+
+    /// Keys on it.
+    #[inline(always)]
+    pub fn height(&self) -> usize {
+        self.height
     }
 
     #[inline(always)]
-    fn push(&mut self, key: Key) {
+    fn push(&mut self, key: T) {
         self.keys[self.height].write(key);
         self.height += 1;
     }
 
     #[inline(always)]
-    fn get(&self, index: usize) -> Key {
+    fn get(&self, index: usize) -> T {
         debug_assert!(index < self.height);
         // SAFETY: `height` grows only in `push`, which writes the key at the old height, so all keys below `height` are written;
         // callers ask for such keys only.
         unsafe { self.keys[index].assume_init() }
     }
 
+    /// Takes the topmost key.
     #[inline(always)]
-    fn pop(&mut self) -> Option<Key> {
+    pub fn pop(&mut self) -> Option<T> {
         self.height = self.height.checked_sub(1)?;
         // SAFETY: as in `get`: the key just below the old height was written by `push`.
         Some(unsafe { self.keys[self.height].assume_init() })
@@ -93,7 +105,7 @@ impl Stack {
 
     /// Pushes `key` below those of the topmost keys, down to `floor`, that are nearer.
     #[inline(always)]
-    fn insert(&mut self, floor: usize, key: Key) {
+    pub fn insert(&mut self, floor: usize, key: T) {
         let mut slot = self.height;
         self.push(key);
         while slot > floor && self.get(slot - 1) < key {
@@ -104,14 +116,13 @@ impl Stack {
     }
 }
 
-/// The nearest hit, or with `ANY` the first one found.
+/// The nearest hit below `start` or the one already found, or with `ANY` the first one found.
 #[inline(always)]
-pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query) -> Option<Hit> {
+pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query, start: Child, mut best: Option<Hit>) -> Option<Hit> {
     let ray = L::spread(query);
     let mut stack = Stack::new();
-    let mut best = None;
-    let mut limit = query.ray.t_max;
-    let mut current = Child::inner(0);
+    let mut limit = best.map_or(query.ray.t_max, |hit| end_after(hit, query));
+    let mut current = start;
     loop {
         if current.is_leaf() {
             if meet_leaf::<L, ANY>(wide, query, &ray, current, &mut limit, &mut best) {
@@ -134,7 +145,13 @@ pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query) -> Option
 
 /// The nearest child that the ray enters; the others are put aside, the nearest on top.
 #[inline(always)]
-fn descend<L: Lanes, const ANY: bool>(wide: &Wide, ray: &L::Ray, index: Child, limit: f32, stack: &mut Stack) -> Option<Child> {
+fn descend<L: Lanes, const ANY: bool>(
+    wide: &Wide,
+    ray: &L::Ray,
+    index: Child,
+    limit: f32,
+    stack: &mut Stack<Key>,
+) -> Option<Child> {
     let node = &wide.nodes[index.0 as usize];
     let mut distances = Distances([0.0; WIDTH]);
     let mut mask = L::enter(node, ray, limit, &mut distances);
@@ -184,7 +201,8 @@ fn meet_leaf<L: Lanes, const ANY: bool>(
             accept(Hit { t: t[lane], primitive: packet.primitives[lane] }, query, limit, best);
         }
         if leaf.has_spheres() {
-            meet_spheres(wide, query, packet, limit, best);
+            *best = meet_spheres(wide, query, packet, *best);
+            *limit = best.map_or(*limit, |hit| end_after(hit, query));
         }
         if ANY && best.is_some() {
             return true;
@@ -198,18 +216,23 @@ fn meet_leaf<L: Lanes, const ANY: bool>(
 fn accept(hit: Hit, query: &Query, limit: &mut f32, best: &mut Option<Hit>) {
     if is_better(hit, *best) {
         *best = Some(hit);
-        // Hits at the same t still count, if their index is lower.
-        *limit = inclusive(hit.t).min(query.ray.t_max);
+        *limit = end_after(hit, query);
     }
+}
+
+/// Where the ray ends after a hit: hits at the same t still count, if their index is lower.
+#[inline(always)]
+fn end_after(hit: Hit, query: &Query) -> f32 {
+    inclusive(hit.t).min(query.ray.t_max)
 }
 
 /// Spheres are rare: one at a time, by the exact test.
 #[cold]
-fn meet_spheres(wide: &Wide, query: &Query, packet: &Packet, limit: &mut f32, best: &mut Option<Hit>) {
+fn meet_spheres(wide: &Wide, query: &Query, packet: &Packet, mut best: Option<Hit>) -> Option<Hit> {
     for primitive in packet.primitives.into_iter().filter(|&p| p != Packet::NOTHING) {
         let Primitive::Sphere(sphere) = wide.soup.primitive(primitive) else { continue };
-        if let Some(t) = sphere.intersect(&query.ray, query.ray.t_min, *limit) {
-            accept(Hit { t, primitive }, query, limit, best);
-        }
+        let t = sphere.intersect(&query.ray, query.ray.t_min, query.ray.t_max);
+        best = t.map(|t| Hit { t, primitive }).filter(|&hit| is_better(hit, best)).or(best);
     }
+    best
 }

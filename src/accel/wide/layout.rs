@@ -52,6 +52,9 @@ impl Child {
     const LEAF: u32 = 1 << 31;
     const SPHERES: u32 = 1 << 3;
 
+    /// The root, an inner node always.
+    pub const ROOT: Child = Child(0);
+
     /// The inner node `index`.
     pub fn inner(index: usize) -> Self {
         debug_assert!(index < Self::LEAF as usize);

@@ -7,9 +7,13 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod batch;
 mod collapse;
 mod kernel;
 mod layout;
+#[cfg(target_arch = "x86_64")]
+mod packet;
 mod portable;
 
 use std::sync::Arc;
@@ -17,7 +21,7 @@ use std::sync::Arc;
 use super::bvh::Tree;
 use super::query::Query;
 use super::{Accel, Hit, Ray, Soup};
-use layout::{Node, Packet};
+use layout::{Child, Node, Packet};
 
 /// Deepest wide tree that is traversed; a deeper one is built anew over a balanced binary tree.
 const MAX_DEPTH: usize = 32;
@@ -61,18 +65,38 @@ impl Accel for Wide {
         let query = Query::new(ray)?;
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
-            return avx2::nearest(self, &query);
+            return avx2::nearest(self, &query, Child::ROOT, None);
         }
-        kernel::traverse::<portable::Portable, false>(self, &query)
+        kernel::traverse::<portable::Portable, false>(self, &query, Child::ROOT, None)
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
         let Some(query) = Query::new(ray) else { return false };
         #[cfg(target_arch = "x86_64")]
         if self.use_avx2 {
-            return avx2::any(self, &query);
+            return avx2::any(self, &query, Child::ROOT);
         }
-        kernel::traverse::<portable::Portable, true>(self, &query).is_some()
+        kernel::traverse::<portable::Portable, true>(self, &query, Child::ROOT, None).is_some()
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn intersect_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), hits.len(), "one hit for each ray");
+        if self.use_avx2 {
+            batch::nearest(self, rays, hits);
+        } else {
+            rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.intersect(ray));
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
+        if self.use_avx2 {
+            batch::any(self, rays, occluded);
+        } else {
+            rays.iter().zip(occluded).for_each(|(ray, answer)| *answer = self.occluded(ray));
+        }
     }
 
     fn memory_bytes(&self) -> usize {
@@ -120,6 +144,41 @@ mod tests {
                 assert_eq!(chosen.intersect(&ray), hit, "AVX2 against portable, {n}: {ray:?}");
                 assert_eq!(binary.intersect(&ray), hit, "binary against wide, {n}: {ray:?}");
                 assert_eq!((chosen.occluded(&ray), portable.occluded(&ray)), (hit.is_some(), hit.is_some()), "{n}: {ray:?}");
+                let Some(hit) = hit else { continue };
+                let (ends_there, ends_behind) = (Ray { t_max: hit.t, ..ray }, Ray { t_max: hit.t.next_up(), ..ray });
+                for engine in [&chosen, &portable] {
+                    assert_eq!(engine.intersect(&ends_there), None, "the far end is open, {n}: {ray:?}");
+                    assert_eq!(engine.intersect(&ends_behind), Some(hit), "{n}: {ray:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_batch_gives_the_same_bits_as_its_rays_one_by_one() {
+        for (n, spread) in [(0, 0.1), (1, 0.1), (5, 0.5), (33, 2.0), (500, 0.02), (500, 0.2), (500, 2.0)] {
+            let mut soup = mixture(n);
+            // Everything twice, so that each hit has a tie.
+            soup.triangles.extend_from_within(..);
+            soup.spheres.extend_from_within(..);
+            let engine = Wide::new(Arc::new(soup));
+            for n_rays in [0, 1, 2, 7, 8, 9, 31, 32, 33, 255, 256, 257, 5000] {
+                let mut axis = Sampler::new(9, n_rays, 0);
+                let (from, towards) = (2.0 * point(&mut axis) - 0.5, point(&mut axis) - 0.5);
+                let ray = |i: u64| {
+                    let mut s = Sampler::new(10, i, 0);
+                    let (origin, direction) = (from + 0.1 * point(&mut s), towards + spread * (point(&mut s) - 0.5));
+                    let t_max = if i.is_multiple_of(11) { f32::NAN } else { 4.0 * s.next_1d() };
+                    Ray { t_max, ..Ray::new(origin, direction) }
+                };
+                let rays: Vec<Ray> = (0..n_rays).map(ray).collect();
+                let (mut hits, mut occluded) = (vec![None; rays.len()], vec![true; rays.len()]);
+                engine.intersect_batch(&rays, &mut hits);
+                engine.occluded_batch(&rays, &mut occluded);
+                for ((ray, hit), occluded) in rays.iter().zip(hits).zip(occluded) {
+                    let expected = engine.intersect(ray);
+                    assert_eq!((hit, occluded), (expected, expected.is_some()), "{n} triangles, spread {spread}: {ray:?}");
+                }
             }
         }
     }

@@ -31,7 +31,12 @@ impl Lanes for Portable {
                 far[i] = if b < far[i] { b } else { far[i] };
             }
         }
-        (0..WIDTH).fold(0, |mask, i| mask | u32::from(near[i] <= far[i] * BOX_SLACK) << i)
+        let still = query.still();
+        let holds_ray = |i: usize, axis: usize| {
+            still[axis] && node.planes[axis][i] == query.ray.origin[axis] && node.planes[axis + 3][i] == query.ray.origin[axis]
+        };
+        let enters = |i: usize| near[i] <= far[i] * BOX_SLACK && !(0..3).any(|axis| holds_ray(i, axis));
+        (0..WIDTH).fold(0, |mask, i| mask | u32::from(enters(i)) << i)
     }
 
     #[inline(always)]
