@@ -52,6 +52,8 @@ pub struct RunReport {
     pub not_finite: NotFinite,
     /// Samples so bright that they decide their pixel.
     pub fireflies: u64,
+    /// Mean weight that the depth limit cut from a camera sample: times the radiance of the scene, the bias it left at most.
+    pub truncated_share: f64,
     /// Triangles of the scene that were dropped: without area, or not finite.
     pub dropped_triangles: u64,
     /// What the reader or the renderer had to replace, drop or guess.
@@ -169,6 +171,7 @@ impl RunReport {
             power: None,
             not_finite: NotFinite::default(),
             fireflies: 0,
+            truncated_share: 0.0,
             dropped_triangles: 0,
             warnings: Vec::new(),
             peak_memory_bytes: 0,

@@ -18,6 +18,7 @@ pub fn begin(common: &Common, loaded: &LoadedScene, method: &str, loading: Elaps
     report.seed = common.seed;
     report.threads = rayon::current_num_threads();
     report.warnings = loaded.scene.warnings.clone();
+    report.dropped_triangles = loaded.scene.dropped_triangles as u64;
     report.settings.insert("accel".to_owned(), common.accel.name().into());
     report.add_time(twopass::progress::Stage::Load, loading);
     report
@@ -55,6 +56,7 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
     ] {
         report.count(name, count);
     }
+    report.truncated_share = counts.truncated_share();
 }
 
 /// Adds what pass one found.
@@ -80,7 +82,7 @@ pub fn add_pass_one(report: &mut RunReport, pass_one: &PassOne) {
         emitted: power.emitted,
         absorbed: power.absorbed,
         escaped: power.escaped,
-        truncated: None,
+        truncated: Some(power.truncated),
         relative_defect: power.unaccounted.abs(),
     });
 }
@@ -91,6 +93,7 @@ pub fn add_film(report: &mut RunReport, film: &Film) {
     let first_pixel = first.map(|i| [i % film.width(), i / film.width()]);
     report.not_finite = NotFinite { count, first_pixel };
     report.samples_per_pixel = film.n_passes().into();
+    report.fireflies = film.fireflies();
     report.estimated_relmse = film.estimated_relmse();
 }
 

@@ -187,6 +187,21 @@ impl Film {
         Some((0..n).map(pixel).sum::<f64>() / (3 * n) as f64)
     }
 
+    /// Number of fireflies: pixels brighter than the mean and more than five times as bright as each of their neighbours.
+    pub fn fireflies(&self) -> u64 {
+        let image = self.image();
+        let luminance: Vec<f64> = image.pixels().iter().map(|p| Rgb::from(*p).luminance()).collect();
+        let mean = luminance.iter().sum::<f64>() / luminance.len().max(1) as f64;
+        let (w, h) = (self.width, self.height);
+        let outshines = |i: usize| {
+            let (x, y) = (i % w, i / w);
+            let near =
+                (y.saturating_sub(1)..(y + 2).min(h)).flat_map(|v| (x.saturating_sub(1)..(x + 2).min(w)).map(move |u| v * w + u));
+            luminance[i] > mean && near.filter(|j| *j != i).all(|j| luminance[i] > 5.0 * luminance[j])
+        };
+        (0..w * h).filter(|&i| outshines(i)).count() as u64
+    }
+
     fn half_difference(&self, i: usize) -> Rgb {
         if self.passes.contains(&0) {
             return Rgb::BLACK;
@@ -220,6 +235,14 @@ mod tests {
         // Halves (1+2)/2 and (3+4)/2: a quarter of the squared difference 2.
         assert_eq!(film.variance_image().at(0, 0), [1.0; 3]);
         assert_eq!(film.quantity_image(Quantity::Indirect).at(0, 0), [2.5; 3]);
+    }
+
+    #[test]
+    fn a_lone_bright_pixel_is_a_firefly() {
+        let mut film = Film::new(3, 3);
+        let values = [1.0, 1.0, 1.0, 1.0, 9.0, 1.0, 1.0, 1.0, 1.0];
+        film.add_pass(0, &values.map(sample));
+        assert_eq!(film.fireflies(), 1);
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub struct FormFactorMatrix {
     pub(super) specular_factor: Vec<[f32; 3]>,
     /// Share of each row that leaves the scene, per channel (coloured by what it passed).
     pub(super) escaped: Vec<[f32; 3]>,
+    /// Share of each row that the limit of specular events cut.
+    pub(super) truncated: Vec<[f32; 3]>,
     /// Quality before correction.
     pub closure: Closure,
 }
@@ -30,6 +32,8 @@ pub struct Row {
     pub specular: Vec<(u32, [f32; 3])>,
     /// Share that escapes.
     pub escaped: [f32; 3],
+    /// Share that was cut by the limit of specular events.
+    pub truncated: [f32; 3],
 }
 
 impl FormFactorMatrix {
@@ -44,6 +48,7 @@ impl FormFactorMatrix {
             matrix.specular_column.extend(row.specular.iter().map(|e| e.0));
             matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
             matrix.escaped.push(row.escaped);
+            matrix.truncated.push(row.truncated);
             matrix.row_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
@@ -68,7 +73,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 36 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 48 * self.len()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.
@@ -90,6 +95,12 @@ impl FormFactorMatrix {
     #[inline]
     pub fn escaped(&self, i: usize) -> Rgb {
         self.escaped[i].into()
+    }
+
+    /// Share of row i that the limit of specular events cut.
+    #[inline]
+    pub fn truncated(&self, i: usize) -> Rgb {
+        self.truncated[i].into()
     }
 
     /// Sum of the direct entries of row i.

@@ -82,7 +82,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
     let mut counts = RayCounts::default();
     let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
-    let mut escaped = Rgb::BLACK;
+    let (mut escaped, mut truncated) = (Rgb::BLACK, Rgb::BLACK);
     let rays = settings.rays_of(patches, id.0 as usize);
     for k in 0..rays {
         let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
@@ -96,6 +96,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
                 None => {}
             },
             Event::Escaped { throughput, .. } => escaped += throughput,
+            Event::Truncated { throughput } => truncated += throughput,
         });
     }
     let share = 1.0 / f64::from(rays);
@@ -108,6 +109,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
             .map(|same| (same[0].0, (same.iter().map(|e| e.1).sum::<Rgb>() * share).to_array().map(|v| v as f32)))
             .collect(),
         escaped: (escaped * share).to_array().map(|v| v as f32),
+        truncated: (truncated * share).to_array().map(|v| v as f32),
     };
     (row, counts)
 }

@@ -59,6 +59,7 @@ impl TwoPass<'_> {
                 }
             }
             Event::Escaped { throughput, .. } => emitted += throughput * scene.environment,
+            Event::Truncated { .. } => {}
         });
         (reflected, emitted)
     }

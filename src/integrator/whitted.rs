@@ -98,7 +98,7 @@ impl TwoPass<'_> {
     pub(super) fn radiance(&self, ray: &Ray, path: Path, trace: &mut Trace<'_>) {
         let Path { weight, depth, .. } = path;
         if depth >= self.depth_limit() {
-            trace.counts.truncated += 1;
+            trace.counts.truncate(weight);
             return;
         }
         let Some(si) = self.world.intersect(ray) else {

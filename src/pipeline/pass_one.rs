@@ -54,7 +54,9 @@ pub struct PowerBalance {
     pub absorbed: f64,
     /// Left the scene after reflection by a patch or emission by a glowing surface.
     pub escaped: f64,
-    /// (emitted - absorbed - escaped) / emitted: mirrors, glass, black backs and the estimation error.
+    /// Not followed further because of the limit of specular events.
+    pub truncated: f64,
+    /// (emitted - absorbed - escaped - truncated) / emitted: mirrors, glass, black backs and the estimation error.
     pub unaccounted: f64,
 }
 
@@ -135,12 +137,14 @@ fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFa
 fn balance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix, irradiance: &[Rgb]) -> PowerBalance {
     let total = |v: Rgb| v.r + v.g + v.b;
     let emitted = total(world.scene().power());
-    let (mut absorbed, mut escaped) = (0.0, 0.0);
+    let (mut absorbed, mut escaped, mut truncated) = (0.0, 0.0, 0.0);
     for (i, &h) in irradiance.iter().enumerate() {
         let (rho, a) = (patches.rho[i], patches.area[i]);
         absorbed += a * total((Rgb::WHITE - rho) * h);
-        escaped += a * total(form_factors.escaped(i) * (rho * h + patches.exitance[i]));
+        let leaves = rho * h + patches.exitance[i];
+        escaped += a * total(form_factors.escaped(i) * leaves);
+        truncated += a * total(form_factors.truncated(i) * leaves);
     }
-    let unaccounted = if emitted > 0.0 { (emitted - absorbed - escaped) / emitted } else { 0.0 };
-    PowerBalance { emitted, absorbed, escaped, unaccounted }
+    let unaccounted = if emitted > 0.0 { (emitted - absorbed - escaped - truncated) / emitted } else { 0.0 };
+    PowerBalance { emitted, absorbed, escaped, truncated, unaccounted }
 }

@@ -113,7 +113,9 @@ impl Scene {
         let mut warnings = source.warnings;
         let mut camera = source.camera;
         camera.to_scene.translation -= origin;
-        let shapes: Vec<Shape> = source.shapes.into_iter().map(|s| place(s, origin, &mut warnings)).collect();
+        let mut dropped_triangles = 0;
+        let shapes: Vec<Shape> =
+            source.shapes.into_iter().map(|s| place(s, origin, &mut dropped_triangles, &mut warnings)).collect();
 
         let area_lights = shapes.iter().enumerate().filter(|(_, s)| !s.emission.is_black()).filter_map(|(i, s)| {
             let emitter = match &s.surface {
@@ -139,6 +141,7 @@ impl Scene {
             materials: source.materials,
             lights,
             environment: source.environment,
+            dropped_triangles,
             warnings,
         })
     }
@@ -170,7 +173,7 @@ fn check(shape: &ShapeSource) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn place(shape: ShapeSource, origin: DVec3, warnings: &mut Vec<String>) -> Shape {
+fn place(shape: ShapeSource, origin: DVec3, dropped_triangles: &mut usize, warnings: &mut Vec<String>) -> Shape {
     let surface = match shape.surface {
         SurfaceSource::Sphere { center, radius } => {
             ShapeSurface::Sphere(Sphere { center: (center - origin).as_vec3(), radius: radius as f32 })
@@ -185,6 +188,7 @@ fn place(shape: ShapeSource, origin: DVec3, warnings: &mut Vec<String>) -> Shape
             });
             if triangles.len() < before {
                 let dropped = before - triangles.len();
+                *dropped_triangles += dropped;
                 warnings.push(format!("shape \"{}\": {dropped} of {before} triangles have no area and were dropped", shape.id));
             }
             let mut normals = t.normals;

@@ -30,6 +30,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Radiance of a uniform surrounding [W/(m² sr)]; black if there is none.
     pub environment: Rgb,
+    /// Triangles without area that were left out.
+    pub dropped_triangles: usize,
     /// What the reader had to replace, drop or guess.
     pub warnings: Vec<String>,
 }

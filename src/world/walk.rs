@@ -27,6 +27,8 @@ pub struct RayCounts {
     pub transmitted: u64,
     /// Chains cut by the depth limit.
     pub truncated: u64,
+    /// Weight of what the depth limit cut from camera paths, in units of 2^-32: an integer, so that its sum has no order.
+    pub truncated_weight: u64,
 }
 
 impl std::ops::AddAssign for RayCounts {
@@ -38,6 +40,21 @@ impl std::ops::AddAssign for RayCounts {
         self.reflected += o.reflected;
         self.transmitted += o.transmitted;
         self.truncated += o.truncated;
+        self.truncated_weight += o.truncated_weight;
+    }
+}
+
+impl RayCounts {
+    /// Records a camera path that the depth limit cut; `weight` is radiance at the camera over the radiance not looked at.
+    #[inline]
+    pub fn truncate(&mut self, weight: Rgb) {
+        self.truncated += 1;
+        self.truncated_weight += (weight.mean().min(1e3) * f64::from(1 << 16) * f64::from(1 << 16)) as u64;
+    }
+
+    /// Mean weight that the depth limit cut from a camera sample: times the radiance of the scene, the bias it left at most.
+    pub fn truncated_share(&self) -> f64 {
+        if self.camera == 0 { 0.0 } else { self.truncated_weight as f64 / 2.0_f64.powi(32) / self.camera as f64 }
     }
 }
 
@@ -58,6 +75,11 @@ pub enum Event<'a> {
         throughput: Rgb,
         /// Specular events before.
         through: u32,
+    },
+    /// The limit of specular events cut the walk.
+    Truncated {
+        /// Radiance at the start over the radiance that was not looked at.
+        throughput: Rgb,
     },
 }
 
@@ -95,6 +117,7 @@ impl World {
             through += 1;
             if through >= max_events.min(LONGEST) {
                 counts.truncated += 1;
+                visit(Event::Truncated { throughput });
                 return;
             }
             if through > ROULETTE_AFTER {
