@@ -179,6 +179,15 @@ impl Accel for Embree {
         query.tfar == f32::NEG_INFINITY
     }
 
+    // Packets of 16 are its fastest form for rays that run together, and batches are made of such.
+    fn intersect_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.intersect_batch_as(rays, hits, BatchForm::Packets, true);
+    }
+
+    fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
+        self.occluded_batch_as(rays, occluded, BatchForm::Packets, true);
+    }
+
     fn memory_bytes(&self) -> usize {
         self.log.bytes.load(Ordering::Relaxed).max(0) as usize
     }

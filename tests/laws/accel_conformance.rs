@@ -176,6 +176,26 @@ fn engines_agree_with_brute_force_on_clutter_of_every_size() {
 }
 
 #[test]
+fn batches_answer_as_single_rays_do() {
+    let mut random = Random(10);
+    let soup = Arc::new(clutter(300, &mut random));
+    let center = random.point();
+    let mut rays: Vec<Ray> = (0..1000).map(|_| Ray::new(center, random.point())).collect();
+    rays[17].direction.x = f32::NAN;
+    for kind in kinds() {
+        let engine = built(&soup, kind);
+        let (mut hits, mut occluded) = (vec![None; rays.len()], vec![false; rays.len()]);
+        engine.intersect_batch(&rays, &mut hits);
+        engine.occluded_batch(&rays, &mut occluded);
+        for ((ray, hit), occluded) in rays.iter().zip(hits).zip(occluded) {
+            let alone = engine.intersect(ray);
+            assert!(if exact(kind) { hit == alone } else { agree(hit, alone, 1.0) }, "{kind}: {hit:?} and alone {alone:?}");
+            assert_eq!(occluded, alone.is_some(), "{kind}: {ray:?}");
+        }
+    }
+}
+
+#[test]
 fn the_interval_of_a_ray_is_open_and_bounds_both_queries() {
     let mut random = Random(2);
     let soup = Arc::new(clutter(300, &mut random));

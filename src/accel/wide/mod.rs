@@ -136,7 +136,7 @@ mod tests {
             let soup = Arc::new(mixture(n));
             let (chosen, portable) = (Wide::new(soup.clone()), Wide::new(soup.clone()).portable());
             let binary = crate::accel::binary::Binary::new(soup);
-            for i in 0..20_000 {
+            for i in 0..if cfg!(miri) { 20 } else { 20_000 } {
                 let mut s = Sampler::new(8, i, 0);
                 let (origin, direction) = (2.0 * point(&mut s) - 0.5, point(&mut s) - 0.5);
                 let ray = Ray { t_max: 4.0 * s.next_1d(), ..Ray::new(origin, direction) };
