@@ -59,6 +59,7 @@ pub fn single_engines(soup: &Arc<Soup>) -> Vec<Engine> {
 }
 
 /// Rays in batches.
+#[cfg_attr(not(feature = "embree"), expect(clippy::vec_init_then_push, reason = "with Embree others come first"))]
 pub fn batch_engines(soup: &Arc<Soup>) -> Vec<Engine> {
     let mut engines = Vec::new();
     #[cfg(feature = "embree")]

@@ -42,57 +42,12 @@ impl Query {
     }
 }
 
-/// A vertex in the space where the ray runs along +z from the origin.
-type Projected = [f32; 3];
-
 impl Query {
-    /// Parameter at which the ray meets a triangle, in (`t_min`, `limit`): the watertight test [Woop13] as a whole.
-    ///
-    /// Where an edge function rounds to zero its sign is found in f64, where the products are exact. Without that, a triangle
-    /// smaller than the rounding of its coordinates could count as met by a ray that passes anywhere: all three values are then
-    /// zero or noise. A box test around every triangle would hide this; packed leaves have none.
+    /// Parameter at which the ray meets a triangle, in (`t_min`, `limit`).
     #[inline]
-    pub fn meet(&self, corners: [Vec3; 3], limit: f32) -> Option<f32> {
-        let [a, b, c] = corners.map(|corner| self.project(corner));
-        let u = c[0] * b[1] - c[1] * b[0];
-        let v = a[0] * c[1] - a[1] * c[0];
-        let w = b[0] * a[1] - b[1] * a[0];
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
-        }
-        if u == 0.0 || v == 0.0 || w == 0.0 {
-            return meet_by_exact_signs(a, b, c).filter(|&t| self.holds(t, limit));
-        }
-        let t = (u * a[2] + v * b[2] + w * c[2]) / (u + v + w);
-        self.holds(t, limit).then_some(t)
+    pub fn meet(&self, [a, b, c]: [Vec3; 3], limit: f32) -> Option<f32> {
+        self.sheared.intersect(a, b, c, self.ray.t_min, limit)
     }
-
-    #[inline]
-    fn holds(&self, t: f32, limit: f32) -> bool {
-        t > self.ray.t_min && t < limit
-    }
-
-    #[inline]
-    fn project(&self, corner: Vec3) -> Projected {
-        let v = corner - self.ray.origin;
-        let ([x, y, z], shear) = (self.sheared.axes, self.sheared.shear);
-        [v[x] - shear[0] * v[z], v[y] - shear[1] * v[z], shear[2] * v[z]]
-    }
-}
-
-/// The test in f64 on the same rounded corners. The product of two f32 is exact in f64, so each sign is right.
-#[cold]
-fn meet_by_exact_signs(a: Projected, b: Projected, c: Projected) -> Option<f32> {
-    let [a, b, c] = [a, b, c].map(|p| p.map(f64::from));
-    let u = c[0] * b[1] - c[1] * b[0];
-    let v = a[0] * c[1] - a[1] * c[0];
-    let w = b[0] * a[1] - b[1] * a[0];
-    let det = u + v + w;
-    // Zero: the triangle is seen edge-on or has no area; its neighbours take the hit.
-    if (u.min(v).min(w) < 0.0 && u.max(v).max(w) > 0.0) || det == 0.0 {
-        return None;
-    }
-    Some(((u * a[2] + v * b[2] + w * c[2]) / det) as f32)
 }
 
 /// The part of `ray` that can hit anything: nothing of one that is not valid or whose interval is empty, and nothing behind the

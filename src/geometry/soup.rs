@@ -1,7 +1,6 @@
 //! All primitives of a scene in flat arrays, as the acceleration structures want them.
 
-use super::triangle::ShearedRay;
-use super::{Bounds, Hit, Ray, Sphere};
+use super::{Bounds, Sphere};
 use crate::math::Vec3;
 
 /// Triangles, then spheres: primitive `i` is triangle `i` if `i < triangles.len()`, else sphere `i - triangles.len()`.
@@ -65,15 +64,5 @@ impl Soup {
     /// Box of everything.
     pub fn bounds(&self) -> Bounds {
         (0..self.len() as u32).map(|i| self.bounds_of(i)).fold(Bounds::EMPTY, Bounds::union)
-    }
-
-    /// The hit of `ray` with primitive `index` by the shared watertight test, if it lies in (`t_min`, `t_max`).
-    #[inline]
-    pub fn intersect(&self, index: u32, ray: &Ray, sheared: &ShearedRay, t_max: f32) -> Option<Hit> {
-        match self.primitive(index) {
-            Primitive::Triangle([a, b, c]) => sheared.intersect(a, b, c, ray.t_min, t_max),
-            Primitive::Sphere(sphere) => sphere.intersect(ray, ray.t_min, t_max),
-        }
-        .map(|t| Hit { t, primitive: index })
     }
 }

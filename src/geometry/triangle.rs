@@ -75,25 +75,41 @@ impl ShearedRay {
     }
 
     /// Ray parameter at which the ray meets the triangle, in (`t_min`, `t_max`). Both sides count; edges and vertices count.
+    ///
+    /// Where an edge function rounds to zero its sign is found in f64, where the products are exact. Without that, a triangle
+    /// smaller than the rounding of its coordinates could count as met by a ray that passes anywhere: all three values are then
+    /// zero or noise. A box test around every triangle would hide this; packed leaves have none.
     #[inline]
     pub fn intersect(&self, a: Vec3, b: Vec3, c: Vec3, t_min: f32, t_max: f32) -> Option<f32> {
-        let [ax, ay, az] = self.project(a);
-        let [bx, by, bz] = self.project(b);
-        let [cx, cy, cz] = self.project(c);
-        let u = cx * by - cy * bx;
-        let v = ax * cy - ay * cx;
-        let w = bx * ay - by * ax;
+        let [a, b, c] = [a, b, c].map(|corner| self.project(corner));
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
         if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
             return None;
         }
-        let det = u + v + w;
-        // Zero determinant: the triangle is seen edge-on or is degenerate; its neighbours take the hit.
-        if det == 0.0 {
-            return None;
-        }
-        let t = (u * az + v * bz + w * cz) / det;
+        let t = if u == 0.0 || v == 0.0 || w == 0.0 {
+            meet_by_exact_signs(a, b, c)?
+        } else {
+            (u * a[2] + v * b[2] + w * c[2]) / (u + v + w)
+        };
         (t > t_min && t < t_max).then_some(t)
     }
+}
+
+/// The test in f64 on the same rounded corners. The product of two f32 is exact in f64, so each sign is right.
+#[cold]
+fn meet_by_exact_signs(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> Option<f32> {
+    let [a, b, c] = [a, b, c].map(|p| p.map(f64::from));
+    let u = c[0] * b[1] - c[1] * b[0];
+    let v = a[0] * c[1] - a[1] * c[0];
+    let w = b[0] * a[1] - b[1] * a[0];
+    let det = u + v + w;
+    // Zero: the triangle is seen edge-on or has no area; its neighbours take the hit.
+    if (u.min(v).min(w) < 0.0 && u.max(v).max(w) > 0.0) || det == 0.0 {
+        return None;
+    }
+    Some(((u * a[2] + v * b[2] + w * c[2]) / det) as f32)
 }
 
 /// Barycentric weights of the second and third vertex at the point where a ray meets a triangle's plane, in f64.
