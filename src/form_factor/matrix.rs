@@ -23,12 +23,15 @@ pub struct FormFactorMatrix {
     pub closure: Closure,
 }
 
+/// Set in a column of the specular part when the entry carries only reflected light: the patch's emission is found by shadow rays.
+pub const REFLECTED_ONLY: u32 = 1 << 31;
+
 /// One row as it is measured.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
     /// Patches seen directly, with their form factor, by rising patch.
     pub direct: Vec<(u32, f32)>,
-    /// Patches seen through specular surfaces, by rising patch.
+    /// Patches seen through specular surfaces, by rising column; a column may hold [`REFLECTED_ONLY`].
     pub specular: Vec<(u32, [f32; 3])>,
     /// Share that escapes.
     pub escaped: [f32; 3],
@@ -84,11 +87,22 @@ impl FormFactorMatrix {
         self.column[range.clone()].iter().zip(&self.factor[range]).map(move |(j, f)| (*j as usize, f64::from(*f) * scale))
     }
 
-    /// Entries (j, F_ij) of row i that are seen through specular surfaces.
+    /// Entries (j, F_ij) of row i that are seen through specular surfaces; a patch may come twice.
     #[inline]
     pub fn specular(&self, i: usize) -> impl Iterator<Item = (usize, Rgb)> {
+        self.specular_columns(i).map(|(j, f)| ((j & !REFLECTED_ONLY) as usize, f))
+    }
+
+    /// The same for emitted light: without what shadow rays find straight through thin plates.
+    #[inline]
+    pub fn specular_emission(&self, i: usize) -> impl Iterator<Item = (usize, Rgb)> {
+        self.specular_columns(i).filter(|(j, _)| j & REFLECTED_ONLY == 0).map(|(j, f)| (j as usize, f))
+    }
+
+    #[inline]
+    fn specular_columns(&self, i: usize) -> impl Iterator<Item = (u32, Rgb)> {
         let range = self.specular_start[i]..self.specular_start[i + 1];
-        self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j as usize, Rgb::from(*f)))
+        self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j, Rgb::from(*f)))
     }
 
     /// Share of row i that leaves the scene.

@@ -3,7 +3,7 @@
 //! Rays that meet a mirror or glass go on through it, so that pass one knows the light that comes that way (extended form factors,
 //! [Sillion89]). A row closes exactly, whatever the number of rays; the error shows in reciprocity.
 
-use super::matrix::{FormFactorMatrix, Row};
+use super::matrix::{FormFactorMatrix, REFLECTED_ONLY, Row};
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::{Observer, Progress, Stage};
@@ -90,9 +90,12 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
         let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(sampler.next_2d()));
         counts.form_factor += 1;
         world.follow(from.spawn(direction), &mut sampler, settings.max_events, &mut counts, |event| match event {
-            Event::Surface { at, throughput, through } => match patches.patch_at(at) {
+            Event::Surface { at, throughput, through, straight } => match patches.patch_at(at) {
                 Some(j) if through == 0 => direct.push(j.0),
-                Some(j) => specular.push((j.0, throughput)),
+                Some(j) => {
+                    let counted = straight && world.partition().found_by_shadow_rays(at.shape as usize);
+                    specular.push((if counted { j.0 | REFLECTED_ONLY } else { j.0 }, throughput));
+                }
                 None => {}
             },
             Event::Escaped { throughput, .. } => escaped += throughput,

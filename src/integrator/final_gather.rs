@@ -1,8 +1,8 @@
 //! Final gather: cosine-distributed rays from a diffuse hit read the radiosity of what they meet.
 //!
 //! The patches are then seen only through an integral over the hemisphere, which hides them. Light is counted once: a gather ray
-//! does not count the emission of a lamp that shadow rays find, unless it came there through a mirror or glass, where no shadow ray
-//! goes.
+//! does not count the emission of a lamp that shadow rays find, unless it came there by a mirror or was bent by glass, where no shadow
+//! ray goes.
 
 use super::{
     TwoPass,
@@ -45,9 +45,9 @@ impl TwoPass<'_> {
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
         self.world.follow(ray, sampler, limit.saturating_sub(depth + 1), trace.counts, |event| match event {
-            Event::Surface { at, throughput, through } => {
+            Event::Surface { at, throughput, through, straight } => {
                 let shape = &scene.shapes[at.shape as usize];
-                let counts = through > 0 || !self.world.partition().found_by_shadow_rays(at.shape as usize);
+                let counts = !(straight && self.world.partition().found_by_shadow_rays(at.shape as usize));
                 if at.front && counts {
                     emitted += throughput * shape.emission;
                 }

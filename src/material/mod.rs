@@ -85,6 +85,12 @@ impl Material {
         matches!(self, Material::Dielectric { .. } | Material::ThinDielectric { .. })
     }
 
+    /// True if light passes through without being bent, so that shadow rays may go through as well.
+    #[inline]
+    pub fn is_thin(&self) -> bool {
+        matches!(self, Material::ThinDielectric { .. })
+    }
+
     /// The ideal specular directions for a viewer at `wo`, each with the factor on the radiance that comes from there.
     #[inline]
     pub fn lobes(&self, wo: Vec3) -> Lobes {

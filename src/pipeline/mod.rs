@@ -200,11 +200,24 @@ pub struct Solved {
 /// # Errors
 /// [`PipelineError`] if there is no solution.
 pub fn solve(scene: Scene, settings: &RenderSettings, observer: &mut Observer<'_>) -> Result<Solved, PipelineError> {
-    let mut watch = StageCosts::default();
-    let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
+    let mut costs = StageCosts::default();
+    let world = costs.time(Stage::Tree, || World::new(scene, settings.accel))?;
+    solve_world(world, settings, costs, observer)
+}
+
+/// Pass one alone over a world that is ready; `costs` holds what making it cost.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_world(
+    world: World,
+    settings: &RenderSettings,
+    mut costs: StageCosts,
+    observer: &mut Observer<'_>,
+) -> Result<Solved, PipelineError> {
     let mut counts = RayCounts::default();
-    let pass_one = pass_one::solve(&world, &settings.pass_one, settings.seed, &mut watch, &mut counts, observer)?;
-    Ok(Solved { world, pass_one, counts, stages: watch.stages })
+    let pass_one = pass_one::solve(&world, &settings.pass_one, settings.seed, &mut costs, &mut counts, observer)?;
+    Ok(Solved { world, pass_one, counts, stages: costs.stages })
 }
 
 fn frame_of(scene: &Scene, settings: &RenderSettings) -> Result<Frame, PipelineError> {

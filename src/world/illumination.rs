@@ -2,7 +2,11 @@
 
 use super::walk::RayCounts;
 use super::{SurfaceInteraction, World};
+use crate::geometry::Ray;
 use crate::math::{Rgb, Sampler, Vec2, Vec3};
+
+/// A shadow ray through more plates than this counts as blocked; less than 2 % of the light would be left.
+const MOST_PLATES: u32 = 32;
 
 /// How many lights are sampled at each point.
 #[derive(Debug, Clone, Copy)]
@@ -21,7 +25,8 @@ impl Default for DirectSampling {
 impl World {
     /// Estimate of the irradiance [W/m²] at `si` from all lights that are found by shadow rays, about its shading normal.
     ///
-    /// Unbiased. Light passes only through empty space: what comes through glass or by a mirror is found by gather rays.
+    /// Unbiased. Light comes straight, through empty space and thin plates: what is bent by glass or comes by a mirror is found by
+    /// gather rays.
     #[inline]
     pub fn direct_irradiance(
         &self,
@@ -74,10 +79,35 @@ impl World {
             return Rgb::BLACK;
         }
         counts.shadow += 1;
-        if self.occluded(&si.spawn_to(sample.position)) {
-            return Rgb::BLACK;
+        self.transmittance(&si.spawn_to(sample.position)) * sample.irradiance * f64::from(cos)
+    }
+
+    /// Share of the light that comes straight along `ray` from its far end: 1 if nothing is in the way, less through thin plates, else 0.
+    #[inline]
+    pub fn transmittance(&self, ray: &Ray) -> Rgb {
+        if !self.occluded(ray) {
+            Rgb::WHITE
+        } else if self.has_thin {
+            self.transmittance_of_plates(*ray)
+        } else {
+            Rgb::BLACK
         }
-        sample.irradiance * f64::from(cos)
+    }
+
+    fn transmittance_of_plates(&self, mut ray: Ray) -> Rgb {
+        let mut share = Rgb::WHITE;
+        for _ in 0..MOST_PLATES {
+            let Some(si) = self.intersect(&ray) else { return share };
+            let thin = self.scene.material_of(&self.scene.shapes[si.shape as usize]).material.is_thin();
+            let lobes = thin.then(|| self.lobes_at(&si)).flatten();
+            let Some(through) = lobes.and_then(|(lobes, _)| lobes.iter().find(|l| l.transmits).copied()) else {
+                return Rgb::BLACK;
+            };
+            share *= through.weight;
+            // The same ray goes on: behind this hit, which a closed lower end leaves out.
+            ray.t_min = si.t;
+        }
+        Rgb::BLACK
     }
 
     /// A point in free space as a receiver with normal `n`, for probes.

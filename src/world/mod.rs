@@ -30,6 +30,8 @@ pub struct World {
     first_primitive: Vec<u32>,
     bounds: Bounds,
     shape_bounds: Vec<Bounds>,
+    /// True if some surface lets light through without bending it.
+    has_thin: bool,
 }
 
 impl World {
@@ -72,9 +74,10 @@ impl World {
             let shape = &mut shape_bounds[shape as usize];
             *shape = shape.union(soup.bounds_of(primitive as u32));
         }
+        let has_thin = scene.shapes.iter().any(|s| scene.material_of(s).material.is_thin());
         let soup = Arc::new(soup);
         let accel = accel::build(Arc::clone(&soup), kind)?;
-        Ok(World { scene, soup, accel, partition, shape_of_primitive, first_primitive, bounds, shape_bounds })
+        Ok(World { scene, soup, accel, partition, shape_of_primitive, first_primitive, bounds, shape_bounds, has_thin })
     }
 
     /// The scene.

@@ -68,6 +68,8 @@ pub enum Event<'a> {
         throughput: Rgb,
         /// Specular events before.
         through: u32,
+        /// True if the path so far is one straight line, through thin plates at most: a shadow ray could have taken it.
+        straight: bool,
     },
     /// The ray left the scene.
     Escaped {
@@ -101,12 +103,13 @@ impl World {
         // The same without the n² scaling, which a path gets back when it leaves the glass.
         let mut survival = 1.0;
         let mut through = 0;
+        let mut straight = true;
         loop {
             let Some(si) = self.intersect(&ray) else {
                 visit(Event::Escaped { throughput, through });
                 return;
             };
-            visit(Event::Surface { at: &si, throughput, through });
+            visit(Event::Surface { at: &si, throughput, through, straight });
             let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
             if surface.material.has_diffuse() {
                 return;
@@ -115,6 +118,7 @@ impl World {
             throughput *= lobe.weight / probability;
             survival *= lobe.power / probability;
             through += 1;
+            straight &= lobe.transmits && surface.material.is_thin();
             if through >= max_events.min(LONGEST) {
                 counts.truncated += 1;
                 visit(Event::Truncated { throughput });
