@@ -12,8 +12,8 @@ use crate::world::{DirectSampling, World};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Points of each patch at which its direct light is measured.
-const DIRECT_POINTS: u64 = 32;
+/// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their area, but a quarter at least.
+const DIRECT_POINTS: f64 = 32.0;
 
 /// How pass one is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,7 +104,9 @@ fn direct_irradiance(world: &World, patches: &PatchMesh, seed: u64, counts: &mut
         .into_par_iter()
         .map(|i| {
             let mut counts = RayCounts::default();
-            let sum: Rgb = (0..DIRECT_POINTS)
+            let share = (patches.area[i as usize] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
+            let points = (DIRECT_POINTS * share) as u64;
+            let sum: Rgb = (0..points)
                 .map(|k| {
                     let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), u64::from(i), k);
                     let mut at = patches.sample(world, PatchId(i), sampler.next_2d());
@@ -113,7 +115,7 @@ fn direct_irradiance(world: &World, patches: &PatchMesh, seed: u64, counts: &mut
                     world.direct_irradiance(&at, DirectSampling::default(), &mut sampler, &mut counts)
                 })
                 .sum();
-            (sum / DIRECT_POINTS as f64, counts)
+            (sum / points as f64, counts)
         })
         .collect();
     measured.iter().for_each(|(_, c)| *counts += *c);
