@@ -135,6 +135,23 @@ mod tests {
     }
 
     #[test]
+    fn transmission_is_reciprocal_up_to_n_squared() {
+        // Veach 1997, section 5.2: weight(o -> i)/n_o² = weight(i -> o)/n_i², and a round trip loses only (1 - F)².
+        for degrees in [0.0, 20.0, 60.0] {
+            let transmitted = |wo: Vec3| {
+                let lobes = dielectric(wo, 1.5, Rgb::WHITE, Rgb::WHITE);
+                *lobes.iter().find(|l| l.transmits).expect("transmits")
+            };
+            let into = transmitted(at_degrees(degrees));
+            let back = transmitted(into.wi);
+            let (ratio, want) = (back.weight.g / into.weight.g, 2.25 * 2.25);
+            assert!((ratio / want - 1.0).abs() < 1e-5, "{degrees} degrees: ratio {ratio}, expected {want} within 1e-5");
+            let power = into.weight.g * 2.25;
+            assert!((into.power - power).abs() < 1e-12, "{degrees} degrees: power {}, expected {power}", into.power);
+        }
+    }
+
+    #[test]
     fn the_plate_passes_what_the_slab_table_says() {
         // n = 1.5: (1 - R)/(1 + R) at 0, 30, 45, 60, 75, 80 degrees.
         let table =

@@ -3,9 +3,10 @@
 use crate::support::{Room, quick, run};
 use glam::{DVec2, DVec3};
 use twopass::accel::AccelKind;
+use twopass::film::Image;
 use twopass::integrator::drive::Clocks;
 use twopass::integrator::{IntegratorSettings, ReadOut};
-use twopass::pipeline::{StageCosts, probe, render_world, solve};
+use twopass::pipeline::{RenderSettings, StageCosts, probe, render_world, solve};
 use twopass::progress::silent;
 use twopass::run_report::process_cpu_seconds;
 use twopass::scene::Scene;
@@ -27,6 +28,14 @@ fn total_irradiance(scene: Scene, points: &[(DVec3, DVec3)]) -> Vec<f64> {
 
 fn assert_close(name: &str, got: f64, want: f64, tolerance: f64) {
     assert!((got - want).abs() <= tolerance * want.abs(), "{name}: {got}, expected {want} within {tolerance}");
+}
+
+/// The picture of a scene whose emitters above a share of its area are left to gather rays.
+fn divided(scene: Scene, share: f64, settings: &RenderSettings) -> Image {
+    let partition = EmitterPartition::new(&scene, share);
+    let world = World::with_partition(scene, AccelKind::Obvhs, partition).expect("builds");
+    let clocks = Clocks::start(process_cpu_seconds);
+    render_world(world, settings, &clocks, StageCosts::default(), &mut silent, &mut |_| {}).expect("renders").film.image()
 }
 
 /// CIE 171:2006 test 5.2, [physical_checks.csv cie171_5.2_A..J]: Lambertian source of 1000 cd at 3 m; E = I0 h²/d⁴. A small
@@ -77,15 +86,40 @@ fn a_ceiling_panel_lights_walls_and_floor_as_cie_171_says() {
     }
 }
 
-/// A lamp that faces away gives exactly nothing [physical_checks.csv backface_light].
+/// A lamp that faces away gives exactly nothing [physical_checks.csv backface_light]: not to shadow rays, not to gather rays, not
+/// to the viewer, and not by way of pass one.
 #[test]
 fn the_back_of_a_lamp_is_exactly_dark() {
-    let mut room = Room::new(DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 8);
-    let grey = room.grey(0.5);
-    room.quad(DVec3::new(-0.5, -0.5, 2.0), DVec3::X, DVec3::Y, grey, 10.0);
-    room.quad(DVec3::new(-2.0, -2.0, 0.0), DVec3::X * 4.0, DVec3::Y * 4.0, grey, 0.0);
-    let image = run(room.scene(), &quick(4, 0.5)).film.image();
-    assert!(image.pixels().iter().all(|p| *p == [0.0; 3]), "some pixel is lit");
+    for target in [DVec3::ZERO, DVec3::Z * 2.0] {
+        for share in [0.0, 1.0] {
+            let mut room = Room::new(DVec3::new(0.0, 0.0, 1.0), target, 8);
+            let reflectance = twopass::material::Texture::Constant(twopass::math::Rgb::grey(0.5));
+            let grey = room.material(twopass::material::Material::Diffuse { reflectance }, true);
+            room.quad(DVec3::new(-0.5, -0.5, 2.0), DVec3::X, DVec3::Y, grey, 10.0);
+            room.quad(DVec3::new(-2.0, -2.0, 0.0), DVec3::X * 4.0, DVec3::Y * 4.0, grey, 0.0);
+            let image = divided(room.scene(), share, &quick(4, 0.5));
+            assert!(image.pixels().iter().all(|p| *p == [0.0; 3]), "towards {target}, share {share}: some pixel is lit");
+        }
+    }
+}
+
+/// Nine lamps, more than are sampled at each point: their irradiances add up, however unequal they are.
+#[test]
+fn many_lamps_give_the_sum_of_each() {
+    let mut room = Room::new(DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 4);
+    let black = room.grey(0.0);
+    room.quad(DVec3::new(-9.0, -9.0, -1.0), DVec3::X * 18.0, DVec3::Y * 18.0, black, 0.0);
+    let at = DVec3::new(0.3, -0.2, 0.0);
+    let mut want = 0.0;
+    for k in 0..9 {
+        let lamp = DVec3::new(f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0, 1.0 + 0.1 * f64::from(k));
+        room.point_light(lamp, f64::from(k + 1));
+        let d = lamp - at;
+        want += f64::from(k + 1) * d.z / d.length().powi(3);
+    }
+    let got = total_irradiance(room.scene(), &[(at, DVec3::Z)])[0];
+    // Four of nine lamps a sample, 4096 stratified samples.
+    assert_close("nine lamps", got, want, 5e-3);
 }
 
 /// A room with a lamp and a glowing wall: two emitters of different size.
@@ -122,14 +156,9 @@ fn shadow_and_gather_emitters_are_disjoint_and_complete() {
 #[test]
 fn the_picture_does_not_depend_on_how_emitters_are_divided() {
     let mean = |share: f64, read_out: ReadOut| {
-        let scene = two_emitters();
-        let partition = EmitterPartition::new(&scene, share);
-        let world = World::with_partition(scene, AccelKind::Obvhs, partition).expect("builds");
         let mut settings = quick(64, 0.2);
         settings.read_out = Some(read_out);
-        let clocks = Clocks::start(process_cpu_seconds);
-        let rendered = render_world(world, &settings, &clocks, StageCosts::default(), &mut silent, &mut |_| {}).expect("renders");
-        let image = rendered.film.image();
+        let image = divided(two_emitters(), share, &settings);
         image.pixels().iter().map(|p| f64::from(p[1])).sum::<f64>() / image.pixels().len() as f64
     };
     for read_out in [ReadOut::Stored, ReadOut::DirectStored, ReadOut::FinalGather] {

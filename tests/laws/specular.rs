@@ -46,8 +46,11 @@ fn facing_mirrors(rho: f64) -> Scene {
 fn facing_mirrors_sum_the_geometric_series() {
     // The first terms are deterministic: each further pair of edges adds one.
     for (edges, want) in [(2, 0.9), (4, 1.629), (6, 2.219_49), (8, 2.697_786_9)] {
-        let got = radiance(facing_mirrors(0.9), Some(edges), DVec3::ZERO, DVec3::Z, 16);
-        assert_close(&format!("{edges} edges"), got, want, 1e-6);
+        // An odd number of edges ends at the mirror that does not shine.
+        for edges in [edges, edges + 1] {
+            let got = radiance(facing_mirrors(0.9), Some(edges), DVec3::ZERO, DVec3::Z, 16);
+            assert_close(&format!("{edges} edges"), got, want, 1e-6);
+        }
     }
     for (rho, want, tolerance) in [(0.5, 0.666_667, 1e-3), (0.9, 4.736_842, 1e-2)] {
         let got = radiance(facing_mirrors(rho), None, DVec3::ZERO, DVec3::Z, 65_536);
@@ -85,6 +88,24 @@ fn a_slab_cut_to_three_edges_passes_the_first_term_only() {
     assert_close("no round trip", radiance(slab(), Some(3), DVec3::ZERO, direction, 64), 0.374_906, 2e-5);
     // One round trip is two edges more; its branch lies below the depth of full branching and is chosen at random.
     assert_close("one round trip", radiance(slab(), Some(5), DVec3::ZERO, direction, 65_536), 0.431_260, 1e-3);
+}
+
+/// From inside glass a lamp outside looks n² times as bright, less what the boundary reflects.
+#[test]
+fn radiance_grows_with_n_squared_inside_glass() {
+    let mut room = Room::new(DVec3::ZERO, DVec3::Z, 4);
+    let (glass, black) = (room.glass(1.5), room.grey(0.0));
+    let (x, y) = (DVec3::X * 400.0, DVec3::Y * 400.0);
+    // The boundary's normal points away from the viewer, who is inside.
+    room.quad(DVec3::new(-200.0, -200.0, 1.0), x, y, glass, 0.0);
+    room.quad(DVec3::new(-200.0, -200.0, 2.0), y, x, black, 1.0);
+    let scene = room.scene();
+    // At 30 degrees inside it leaves at 48.59; R = (R_s + R_p)/2 there by Fresnel's equations.
+    for (degrees, r) in [(0.0_f64, 0.04), (30.0, 0.055_190_2)] {
+        let (s, c) = degrees.to_radians().sin_cos();
+        let got = radiance(scene.clone(), None, DVec3::ZERO, DVec3::new(s, 0.0, c), 16);
+        assert_close(&format!("{degrees} degrees inside"), got, 2.25 * (1.0 - r), 1e-4);
+    }
 }
 
 /// Glass in a uniform enclosure is invisible: refraction, total reflection and the n² scaling cancel.
