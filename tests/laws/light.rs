@@ -203,3 +203,24 @@ fn a_point_light_probed_obeys_the_inverse_square_law() {
         assert_close("point light", got, 2.0 / d2.powf(1.5), 1e-5);
     }
 }
+
+/// Smoothed normals bend the shading, not the geometry: no light comes through the back of a face, however its normals lean.
+#[test]
+fn no_light_comes_through_the_back_of_a_face_with_bent_normals() {
+    let mut room = Room::new(DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 8);
+    let grey = room.grey(0.5);
+    let mut floor = twopass::geometry::tessellate::rectangle(&glam::DAffine3::IDENTITY);
+    // 60 degrees off the face: a lamp just below the horizon is well above the shading horizon.
+    floor.normals = vec![glam::Vec3::new(0.75_f32.sqrt(), 0.0, 0.5); 4];
+    room.add(twopass::scene::SurfaceSource::Triangles(floor), grey, 0.0);
+    room.point_light(DVec3::new(3.0, 0.0, -0.5), 10.0);
+    let mut settings = quick(4, 0.5);
+    settings.read_out = Some(ReadOut::FinalGather);
+    let image = run(room.scene(), &settings).film.image();
+    assert!(image.pixels().iter().all(|p| *p == [0.0; 3]), "light from behind shows on the front");
+    // The same lamp above the face does light it.
+    room.source.point_lights.clear();
+    room.point_light(DVec3::new(3.0, 0.0, 0.5), 10.0);
+    let lit = run(room.scene(), &settings).film.image();
+    assert!(lit.pixels().iter().any(|p| p[0] > 0.0), "nothing shows at all");
+}

@@ -217,3 +217,21 @@ fn light_through_a_thin_plate_is_found_once() {
     // The gathered one rests on some 200 rays that meet the lamp: three standard errors.
     assert_close("stored", stored_gathered, stored_by_shadow_rays, 0.21);
 }
+
+/// A gather ray between facing mirrors goes on by roulette; its mean is the whole series all the same.
+#[test]
+fn long_chains_of_gather_rays_keep_their_mean() {
+    let rho = 0.9;
+    let mut room = Room::new(DVec3::ZERO, DVec3::Z, 4);
+    let mirror = room.mirror(rho);
+    room.quad(DVec3::new(-500.0, -500.0, 1.0), DVec3::Y * 1000.0, DVec3::X * 1000.0, mirror, 0.0);
+    room.quad(DVec3::new(-500.0, -500.0, -1.0), DVec3::X * 1000.0, DVec3::Y * 1000.0, mirror, 1.0);
+    let partition = twopass::world::EmitterPartition::new(&room.scene(), 0.0);
+    let world = twopass::world::World::with_partition(room.scene(), twopass::accel::AccelKind::Obvhs, partition).expect("builds");
+    let solved = twopass::pipeline::solve_world(world, &quick(1, 20.0), twopass::pipeline::StageCosts::default(), &mut silent);
+    let solved = solved.expect("solves");
+    let at = [(DVec3::ZERO, DVec3::Z)];
+    let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &PROBE, &at, 65_536);
+    // Radiance rho/(1 - rho²) from every direction of the hemisphere; a few grazing rays leave the mirrors.
+    assert_close("irradiance", found[0].total.g, std::f64::consts::PI * rho / (1.0 - rho * rho), 1.5e-2);
+}
