@@ -22,53 +22,60 @@ pub struct Probed {
 /// Independent batches from which the standard error is taken.
 const BATCHES: u64 = 16;
 
-/// Irradiance at `points` (file coordinates) facing `normals`, by `samples` shadow and gather rays in all at each.
-pub fn irradiance(
-    world: &World,
-    pass_one: &PassOne,
-    settings: &IntegratorSettings,
-    points: &[(DVec3, DVec3)],
-    samples: u64,
-) -> (Vec<Probed>, RayCounts) {
-    let tracer = TwoPass { world, field: Some(&pass_one.field), settings: *settings };
-    let per_batch = samples.div_ceil(BATCHES).max(1);
-    collect(points, |i, (point, n)| {
-        let local = (point - world.scene().origin).as_vec3();
-        let at = world.receiver_at(local, n.as_vec3().normalize());
-        let batches = (0..BATCHES).map(|batch| tracer.probe_irradiance(&at, i as u64 * BATCHES + batch, per_batch));
-        summarise(batches.collect())
-    })
+/// What probes read: a scene, its solution, and how.
+pub struct Prober<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// The solution.
+    pub pass_one: &'a PassOne,
+    /// How pass two reads it.
+    pub settings: IntegratorSettings,
+    /// Shadow and gather rays, or camera samples, at each point; rounded up to batches.
+    pub samples: u64,
 }
 
-/// Radiance arriving at `points` (file coordinates) from `directions`.
-pub fn radiance(
-    world: &World,
-    pass_one: &PassOne,
-    settings: &IntegratorSettings,
-    points: &[(DVec3, DVec3)],
-    samples: u64,
-) -> (Vec<Probed>, RayCounts) {
-    let tracer = TwoPass { world, field: Some(&pass_one.field), settings: *settings };
-    let per_batch = samples.div_ceil(BATCHES).max(1);
-    collect(points, |i, (point, direction)| {
-        let ray = Ray::new((point - world.scene().origin).as_vec3(), direction.as_vec3().normalize_or(Vec3::Z));
-        let batches = (0..BATCHES).map(|batch| tracer.probe_radiance(&ray, i as u64 * BATCHES + batch, per_batch));
-        summarise(batches.collect())
-    })
-}
+/// One point's share of a batch: direct light, the rest, and the rays they cost.
+type Batch = (Rgb, Rgb, RayCounts);
 
-fn collect(
-    points: &[(DVec3, DVec3)],
-    probe: impl Fn(usize, (DVec3, DVec3)) -> (Probed, RayCounts) + Sync,
-) -> (Vec<Probed>, RayCounts) {
-    let found: Vec<(Probed, RayCounts)> = points.par_iter().enumerate().map(|(i, p)| probe(i, *p)).collect();
-    let mut counts = RayCounts::default();
-    found.iter().for_each(|(_, c)| counts += *c);
-    (found.into_iter().map(|(p, _)| p).collect(), counts)
+impl Prober<'_> {
+    /// Irradiance at `points` (file coordinates) facing their normals.
+    pub fn irradiance(&self, points: &[(DVec3, DVec3)]) -> (Vec<Probed>, RayCounts) {
+        self.probe(points, |tracer, point, n, key, samples| {
+            tracer.probe_irradiance(&self.world.receiver_at(point, n.normalize()), key, samples)
+        })
+    }
+
+    /// Radiance arriving at `points` (file coordinates) from their directions.
+    pub fn radiance(&self, points: &[(DVec3, DVec3)]) -> (Vec<Probed>, RayCounts) {
+        self.probe(points, |tracer, point, direction, key, samples| {
+            tracer.probe_radiance(&Ray::new(point, direction.normalize_or(Vec3::Z)), key, samples)
+        })
+    }
+
+    fn probe(
+        &self,
+        points: &[(DVec3, DVec3)],
+        one: impl Fn(&TwoPass<'_>, Vec3, Vec3, u64, u64) -> Batch + Sync,
+    ) -> (Vec<Probed>, RayCounts) {
+        let tracer = TwoPass { world: self.world, field: Some(&self.pass_one.field), settings: self.settings };
+        let per_batch = self.samples.div_ceil(BATCHES).max(1);
+        let found: Vec<(Probed, RayCounts)> = points
+            .par_iter()
+            .enumerate()
+            .map(|(i, (point, direction))| {
+                let local = (*point - self.world.scene().origin).as_vec3();
+                let key = |batch: u64| i as u64 * BATCHES + batch;
+                summarise((0..BATCHES).map(|b| one(&tracer, local, direction.as_vec3(), key(b), per_batch)).collect())
+            })
+            .collect();
+        let mut counts = RayCounts::default();
+        found.iter().for_each(|(_, c)| counts += *c);
+        (found.into_iter().map(|(p, _)| p).collect(), counts)
+    }
 }
 
 /// Mean of the batches, and the standard error of that mean.
-fn summarise(batches: Vec<(Rgb, Rgb, RayCounts)>) -> (Probed, RayCounts) {
+fn summarise(batches: Vec<Batch>) -> (Probed, RayCounts) {
     let n = batches.len() as f64;
     let mut counts = RayCounts::default();
     batches.iter().for_each(|(_, _, c)| counts += *c);

@@ -6,7 +6,8 @@ use twopass::accel::AccelKind;
 use twopass::film::Image;
 use twopass::integrator::drive::Clocks;
 use twopass::integrator::{IntegratorSettings, ReadOut};
-use twopass::pipeline::{RenderSettings, StageCosts, probe, render_world, solve};
+use twopass::pipeline::probe::Prober;
+use twopass::pipeline::{RenderSettings, StageCosts, render_world, solve};
 use twopass::progress::silent;
 use twopass::run_report::process_cpu_seconds;
 use twopass::scene::Scene;
@@ -22,7 +23,8 @@ const PROBE: IntegratorSettings = IntegratorSettings {
 
 fn total_irradiance(scene: Scene, points: &[(DVec3, DVec3)]) -> Vec<f64> {
     let solved = solve(scene, &quick(1, 0.5), &mut silent).expect("solves");
-    let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &PROBE, points, 4096);
+    let (found, _) =
+        Prober { world: &solved.world, pass_one: &solved.pass_one, settings: PROBE, samples: 4096 }.irradiance(points);
     found.iter().map(|p| p.total.g).collect()
 }
 

@@ -3,7 +3,8 @@
 use crate::support::{Room, quick, run};
 use glam::DVec3;
 use twopass::integrator::{IntegratorSettings, ReadOut};
-use twopass::pipeline::{probe, solve};
+use twopass::pipeline::probe::Prober;
+use twopass::pipeline::solve;
 use twopass::progress::silent;
 use twopass::scene::Scene;
 use twopass::world::DirectSampling;
@@ -25,7 +26,8 @@ fn radiance(scene: Scene, max_depth: Option<u32>, from: DVec3, direction: DVec3,
         seed: 1,
     };
     let solved = solve(scene, &quick(1, 20.0), &mut silent).expect("solves");
-    let (found, _) = probe::radiance(&solved.world, &solved.pass_one, &settings, &[(from, direction)], samples);
+    let (found, _) =
+        Prober { world: &solved.world, pass_one: &solved.pass_one, settings, samples }.radiance(&[(from, direction)]);
     found[0].total.g
 }
 
@@ -173,7 +175,8 @@ fn light_by_way_of_a_mirror_is_found_by_both_passes() {
             .filter(|i| solved.pass_one.field.patches.rho[*i].g == 0.01)
             .map(|i| solved.pass_one.solution.irradiance[i].g * solved.pass_one.field.patches.area[i])
             .sum::<f64>();
-        let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &PROBE, &at, 262_144);
+        let (found, _) =
+            Prober { world: &solved.world, pass_one: &solved.pass_one, settings: PROBE, samples: 262_144 }.irradiance(&at);
         (stored, found[0].total.g)
     };
     let ((stored, gathered), (stored_image, direct)) = (probed(build(true)), probed(build(false)));
@@ -205,7 +208,8 @@ fn light_through_a_thin_plate_is_found_once() {
         let solved = solve_world(world, &quick(1, 0.25), StageCosts::default(), &mut silent).expect("solves");
         let stored = solved.pass_one.solution.irradiance.iter().zip(&solved.pass_one.field.patches.rho);
         let stored: f64 = stored.filter(|(_, rho)| rho.g == 0.01).map(|(h, _)| h.g).sum();
-        let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &PROBE, &at, 262_144);
+        let (found, _) =
+            Prober { world: &solved.world, pass_one: &solved.pass_one, settings: PROBE, samples: 262_144 }.irradiance(&at);
         (found[0].total.g, stored)
     };
     let (free, _) = probed(build(false), 1.0);
@@ -231,7 +235,8 @@ fn long_chains_of_gather_rays_keep_their_mean() {
     let solved = twopass::pipeline::solve_world(world, &quick(1, 20.0), twopass::pipeline::StageCosts::default(), &mut silent);
     let solved = solved.expect("solves");
     let at = [(DVec3::ZERO, DVec3::Z)];
-    let (found, _) = probe::irradiance(&solved.world, &solved.pass_one, &PROBE, &at, 65_536);
+    let (found, _) =
+        Prober { world: &solved.world, pass_one: &solved.pass_one, settings: PROBE, samples: 65_536 }.irradiance(&at);
     // Radiance rho/(1 - rho²) from every direction of the hemisphere; a few grazing rays leave the mirrors.
     assert_close("irradiance", found[0].total.g, std::f64::consts::PI * rho / (1.0 - rho * rho), 1.5e-2);
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 use twopass::film::io::{atomic_write, probe_writable};
 use twopass::integrator::IntegratorSettings;
 use twopass::math::DVec3;
-use twopass::pipeline::probe::{self, Probed};
+use twopass::pipeline::probe::{Probed, Prober};
 use twopass::pipeline::{self, RenderSettings, Solved};
 use twopass::progress::Stage;
 use twopass::run_report::{StopReason, Stopwatch};
@@ -79,8 +79,8 @@ fn probe_points(
     settings: &IntegratorSettings,
     points: &[(DVec3, DVec3)],
 ) -> (Vec<Probed>, twopass::world::walk::RayCounts) {
-    let probe = if args.radiance { probe::radiance } else { probe::irradiance };
-    probe(&solved.world, &solved.pass_one, settings, points, args.samples)
+    let prober = Prober { world: &solved.world, pass_one: &solved.pass_one, settings: *settings, samples: args.samples };
+    if args.radiance { prober.radiance(points) } else { prober.irradiance(points) }
 }
 
 fn read_points(path: &Path) -> Result<Vec<(DVec3, DVec3)>, Failure> {
