@@ -1,30 +1,52 @@
-//! Wavefront OBJ: `v`, `vt`, `vn`, `f`; all else (groups, materials, lines) is passed over.
+//! Wavefront OBJ by tobj: `v`, `vt`, `vn`, `f`; all else (groups, materials, lines) is passed over.
 //!
-//! Vertices are shared by equal triples of indices. Negative indices count back from the line they stand on. Texture
-//! coordinates are flipped vertically on request, because images have their first row at the top.
+//! tobj's errors carry no line, and it takes faces without area or numbers that are not finite; so each line is looked at first. It
+//! also makes a mesh of each group, and expects all faces of a mesh to have the same attributes; a file with groups or mixed faces is
+//! therefore written anew, its faces sorted by what they have. Vertices are shared by equal triples of indices; negative indices count
+//! back from the line they stand on. Texture coordinates are flipped vertically on request, because images have their first row at
+//! the top.
 
 use super::error::short;
-use super::mesh::{MeshFault, RawMesh, fan};
+use super::mesh::{MeshFault, RawMesh};
 use crate::math::{DVec3, Vec2};
+use std::borrow::Cow;
+use std::fmt::Write;
 
-/// No entry: an attribute that a corner does not have, or the end of a chain.
+/// Largest number of elements that u32 indices can name.
 const NONE: u32 = u32::MAX;
 
 /// Reads an OBJ file.
 pub(super) fn parse(bytes: &[u8], flip_v: bool) -> Result<RawMesh, MeshFault> {
-    let mut reader = Reader { flip_v, ..Reader::default() };
-    let mut offset = 0;
-    for (index, line) in bytes.split(|b| *b == b'\n').enumerate() {
-        reader.line(line).map_err(|fault| {
-            let found = format!("line {}: {}", index + 1, fault.found);
-            MeshFault::new(Some(offset), fault.expected, found)
-        })?;
-        offset += line.len() + 1;
+    let scan = Scan::of(bytes)?;
+    let options = tobj::LoadOptions { single_index: true, triangulate: true, ..tobj::LoadOptions::default() };
+    let no_materials = |_: &std::path::Path| Ok(Default::default());
+    let (models, _) = tobj::load_obj_buf(&mut scan.text(bytes).as_ref(), &options, no_materials)
+        .map_err(|error| MeshFault::new(None, "an OBJ file", error.to_string()))?;
+    Ok(join(&models, flip_v))
+}
+
+/// One mesh of all models; an attribute that some vertices lack is zero there.
+fn join(models: &[tobj::Model], flip_v: bool) -> RawMesh {
+    let mut mesh = RawMesh::default();
+    let has_normals = models.iter().any(|m| !m.mesh.normals.is_empty());
+    let has_uvs = models.iter().any(|m| !m.mesh.texcoords.is_empty());
+    for tobj::Model { mesh: part, .. } in models {
+        let base = mesh.positions.len() as u32;
+        let vectors = |values: &[f64]| values.chunks_exact(3).map(|v| DVec3::new(v[0], v[1], v[2])).collect::<Vec<_>>();
+        mesh.positions.extend(vectors(&part.positions));
+        let count = mesh.positions.len();
+        if has_normals {
+            mesh.normals.extend(vectors(&part.normals));
+            mesh.normals.resize(count, DVec3::ZERO);
+        }
+        if has_uvs {
+            let v = |v: f64| if flip_v { 1.0 - v } else { v };
+            mesh.uvs.extend(part.texcoords.chunks_exact(2).map(|t| Vec2::new(t[0] as f32, v(t[1]) as f32)));
+            mesh.uvs.resize(count, Vec2::ZERO);
+        }
+        mesh.triangles.extend(part.indices.chunks_exact(3).map(|t| [t[0] + base, t[1] + base, t[2] + base]));
     }
-    if !reader.is_obj {
-        return Err(MeshFault::new(None, "an OBJ file", "no vertex and no face"));
-    }
-    Ok(reader.finish())
+    mesh
 }
 
 /// What is wrong with a line.
@@ -39,50 +61,72 @@ impl Fault {
     }
 }
 
-#[derive(Default)]
-struct Reader {
-    flip_v: bool,
-    /// Something that only an OBJ file has was seen.
-    is_obj: bool,
-    positions: Vec<DVec3>,
-    uvs: Vec<Vec2>,
-    normals: Vec<DVec3>,
-    /// First vertex made of each position; further ones follow by `Corner::next`.
-    chains: Vec<u32>,
-    /// The vertices made so far.
-    corners: Vec<Corner>,
-    triangles: Vec<[u32; 3]>,
-    face: Vec<u32>,
-}
-
+/// Corner of a face by indices from 0.
+#[derive(Clone, Copy, PartialEq)]
 struct Corner {
     position: u32,
-    uv: u32,
-    normal: u32,
-    next: u32,
+    uv: Option<u32>,
+    normal: Option<u32>,
 }
 
-impl Reader {
+impl Corner {
+    /// Which attributes it has: an index below four.
+    fn class(self) -> usize {
+        usize::from(self.uv.is_some()) + 2 * usize::from(self.normal.is_some())
+    }
+}
+
+/// What a look at every line found.
+#[derive(Default)]
+struct Scan {
+    positions: usize,
+    uvs: usize,
+    normals: usize,
+    /// Statements that make tobj begin a new mesh occur.
+    has_groups: bool,
+    /// The faces written with plain indices, by the attributes they have.
+    faces: [String; 4],
+    face: Vec<Corner>,
+}
+
+impl Scan {
+    fn of(bytes: &[u8]) -> Result<Self, MeshFault> {
+        let mut scan = Self::default();
+        let mut offset = 0;
+        for (index, line) in bytes.split(|b| *b == b'\n').enumerate() {
+            scan.line(line).map_err(|fault| {
+                let found = format!("line {}: {}", index + 1, fault.found);
+                MeshFault::new(Some(offset), fault.expected, found)
+            })?;
+            offset += line.len() + 1;
+        }
+        if scan.positions == 0 && scan.faces.iter().all(String::is_empty) {
+            return Err(MeshFault::new(None, "an OBJ file", "no vertex and no face"));
+        }
+        Ok(scan)
+    }
+
     fn line(&mut self, line: &[u8]) -> Result<(), Fault> {
         let mut words = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
         match words.next() {
             Some(b"v") => {
-                let [x, y, z] = numbers(&mut words, 3)?;
-                self.positions.push(DVec3::new(x, y, z));
-                self.chains.push(NONE);
+                numbers(&mut words, 3)?;
+                self.positions += 1;
             }
             Some(b"vt") => {
-                let [u, v, _] = numbers(&mut words.take(2), 1)?;
-                self.uvs.push(Vec2::new(u as f32, if self.flip_v { 1.0 - v } else { v } as f32));
+                numbers(&mut words, 2)?;
+                self.uvs += 1;
             }
             Some(b"vn") => {
-                let [x, y, z] = numbers(&mut words, 3)?;
-                self.normals.push(DVec3::new(x, y, z));
+                numbers(&mut words, 3)?;
+                self.normals += 1;
             }
             Some(b"f") => self.face(words)?,
-            _ => return Ok(()),
+            None => {}
+            Some(word) if word.starts_with(b"#") => {}
+            // Whatever else there is, tobj need not see it.
+            Some(_) => self.has_groups = true,
         }
-        self.is_obj = true;
         Ok(())
     }
 
@@ -95,52 +139,58 @@ impl Reader {
         if face.len() < 3 {
             return Err(Fault::new("a face of three vertices or more", format!("{} of them", face.len())));
         }
-        self.triangles.extend(fan(&face));
+        let class = face[0].class();
+        if face.iter().any(|c| c.class() != class) {
+            return Err(Fault::new("a face whose corners all have the same attributes", "a mixture of them"));
+        }
+        let text = &mut self.faces[class];
+        text.push('f');
+        for corner in &face {
+            // Writing to a string cannot fail.
+            let _ = match (corner.uv, corner.normal) {
+                (None, None) => write!(text, " {}", corner.position + 1),
+                (Some(uv), None) => write!(text, " {}/{}", corner.position + 1, uv + 1),
+                (None, Some(n)) => write!(text, " {}//{}", corner.position + 1, n + 1),
+                (Some(uv), Some(n)) => write!(text, " {}/{}/{}", corner.position + 1, uv + 1, n + 1),
+            };
+        }
+        text.push('\n');
         self.face = face;
         Ok(())
     }
 
-    /// The vertex of one corner `v`, `v/vt`, `v//vn` or `v/vt/vn`.
-    fn corner(&mut self, word: &[u8]) -> Result<u32, Fault> {
+    /// One corner `v`, `v/vt`, `v//vn` or `v/vt/vn`.
+    fn corner(&self, word: &[u8]) -> Result<Corner, Fault> {
         let mut parts = word.split(|b| *b == b'/');
-        let position = index(parts.next().unwrap_or_default(), self.positions.len(), "vertex", word)?;
+        let position = index(parts.next().unwrap_or_default(), self.positions, "vertex", word)?;
         let mut optional = |count, what| match parts.next() {
-            None | Some(b"") => Ok(NONE),
-            Some(part) => index(part, count, what, word),
+            None | Some(b"") => Ok(None),
+            Some(part) => index(part, count, what, word).map(Some),
         };
-        let uv = optional(self.uvs.len(), "texture coordinate")?;
-        let normal = optional(self.normals.len(), "normal")?;
+        let uv = optional(self.uvs, "texture coordinate")?;
+        let normal = optional(self.normals, "normal")?;
         if parts.next().is_some() {
             return Err(Fault::new("v/vt/vn", text(word)));
         }
-        Ok(self.vertex(position, uv, normal))
+        Ok(Corner { position, uv, normal })
     }
 
-    fn vertex(&mut self, position: u32, uv: u32, normal: u32) -> u32 {
-        let mut at = self.chains[position as usize];
-        while at != NONE {
-            let corner = &self.corners[at as usize];
-            if (corner.uv, corner.normal) == (uv, normal) {
-                return at;
-            }
-            at = corner.next;
+    /// The file as tobj is to see it: unchanged if all faces are alike and nothing divides them.
+    fn text<'b>(&self, bytes: &'b [u8]) -> Cow<'b, [u8]> {
+        let kinds = self.faces.iter().filter(|f| !f.is_empty()).count();
+        if !self.has_groups && kinds <= 1 {
+            return Cow::Borrowed(bytes);
         }
-        let new = self.corners.len() as u32;
-        let next = std::mem::replace(&mut self.chains[position as usize], new);
-        self.corners.push(Corner { position, uv, normal, next });
-        new
-    }
-
-    fn finish(self) -> RawMesh {
-        let at = |list: &[DVec3], i: u32| list.get(i as usize).copied().unwrap_or(DVec3::ZERO);
-        let corners = &self.corners;
-        let positions = corners.iter().map(|c| self.positions[c.position as usize]).collect();
-        let has_normals = corners.iter().any(|c| c.normal != NONE);
-        let normals = if has_normals { corners.iter().map(|c| at(&self.normals, c.normal)).collect() } else { Vec::new() };
-        let has_uvs = corners.iter().any(|c| c.uv != NONE);
-        let uv = |c: &Corner| self.uvs.get(c.uv as usize).copied().unwrap_or(Vec2::ZERO);
-        let uvs = if has_uvs { corners.iter().map(uv).collect() } else { Vec::new() };
-        RawMesh { positions, normals, uvs, triangles: self.triangles }
+        let is_vertex = |line: &&[u8]| line.trim_ascii_start().first() == Some(&b'v');
+        let mut written = Vec::with_capacity(bytes.len());
+        for line in bytes.split(|b| *b == b'\n').filter(is_vertex) {
+            written.extend_from_slice(line);
+            written.push(b'\n');
+        }
+        for (class, faces) in self.faces.iter().enumerate().filter(|(_, f)| !f.is_empty()) {
+            written.extend_from_slice(format!("g {class}\n{faces}").as_bytes());
+        }
+        Cow::Owned(written)
     }
 }
 
@@ -218,6 +268,16 @@ mod tests {
     }
 
     #[test]
+    fn faces_with_different_attributes_keep_their_own() {
+        let mesh = read(&format!("{SQUARE}vt .5 .25\nvn 0 0 1\nf 1/1 2/1 3/1\ng b\nf 1//1 3//1 4//1\n"));
+        assert_eq!((mesh.positions.len(), mesh.uvs.len(), mesh.normals.len()), (6, 6, 6));
+        let corner = |triangle: usize, k: usize| mesh.triangles[triangle][k] as usize;
+        assert_eq!((mesh.uvs[corner(0, 0)], mesh.normals[corner(0, 0)]), (Vec2::new(0.5, 0.75), DVec3::ZERO));
+        assert_eq!((mesh.uvs[corner(1, 2)], mesh.normals[corner(1, 2)]), (Vec2::ZERO, DVec3::Z));
+        assert_eq!(mesh.positions[corner(1, 2)], DVec3::Y);
+    }
+
+    #[test]
     fn faults_name_line_and_count() {
         for (face, part) in [
             ("f 1 2 0", "vertex 0 of 4"),
@@ -232,7 +292,8 @@ mod tests {
             ("v nan 0 0", "finite"),
             ("v 1e400 0 0", "finite"),
             ("v 1 2", "3 numbers"),
-            ("vt", "1 numbers"),
+            ("vt 1", "2 numbers"),
+            ("f 1/1 2 3", "texture coordinate 1 of 0"),
         ] {
             let (offset, message) = fault(&format!("{SQUARE}{face}\n"));
             assert_eq!(offset, Some(SQUARE.len()), "{face}");
