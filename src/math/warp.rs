@@ -25,12 +25,6 @@ pub fn cosine_hemisphere(u: Vec2) -> Vec3 {
     Vec3::new(p.x, p.y, z)
 }
 
-/// Density of [`cosine_hemisphere`] per steradian.
-#[inline]
-pub fn cosine_hemisphere_pdf(cos_theta: f32) -> f32 {
-    cos_theta.max(0.0) / PI
-}
-
 /// Uniform barycentric coordinates (of the second and third vertex) of a triangle.
 ///
 /// The square is folded, not bent by a square root, so that strata stay compact (Heitz 2019, "A Low-Distortion Map Between
@@ -57,12 +51,6 @@ pub fn cone(u: Vec2, one_minus_cos_max: f32) -> Vec3 {
     let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
     let (s, c) = (2.0 * PI * u.y).sin_cos();
     Vec3::new(sin * c, sin * s, cos)
-}
-
-/// Uniform direction of the whole sphere; density `1 / (4 pi)` per steradian.
-#[inline]
-pub fn sphere(u: Vec2) -> Vec3 {
-    cone(u, 2.0)
 }
 
 #[cfg(test)]

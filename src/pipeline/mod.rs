@@ -44,7 +44,8 @@ pub struct RenderSettings {
     pub accel: AccelKind,
 }
 
-/// Gather rays per camera sample. On the Cornell box 2, 4 and 8 reach the same error in about the same time; 4 is best by a little.
+/// Gather rays per camera sample. On the Cornell box 1, 2, 4 and 8 reach relMSE 3.8e-4, 2.2e-4, 1.78e-4 and 1.76e-4 in 8 CPU seconds;
+/// of the two best, 4 adds passes, and with them antialiasing, more often.
 pub const DEFAULT_GATHER_RAYS: u32 = 4;
 
 impl Default for RenderSettings {

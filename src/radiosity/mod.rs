@@ -20,7 +20,7 @@ pub struct SolverSettings {
 }
 
 impl Default for SolverSettings {
-    /// 1e-5: far below the percent that measured form factors leave. At rho = 0.99 Gauss-Seidel needs some 600 sweeps for it.
+    /// 1e-5: far below the percent that measured form factors leave. Gauss-Seidel needs a number of sweeps for it that grows as 1/(1 - rho).
     fn default() -> Self {
         Self { tolerance: 1e-5, max_sweeps: 20_000 }
     }

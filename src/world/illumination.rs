@@ -16,7 +16,7 @@ pub struct DirectSampling {
 }
 
 impl Default for DirectSampling {
-    /// Four: on interiors with 4 to 6 lamps the light that matters at a point is then nearly always among those sampled.
+    /// Four: a light with more than a quarter of the likely contribution is then always among those sampled.
     fn default() -> Self {
         Self { lights_per_point: 4 }
     }

@@ -134,12 +134,6 @@ impl World {
         self.accel.occluded(ray)
     }
 
-    /// True if nothing lies between two points, neither of which may lie on a surface.
-    #[inline]
-    pub fn visible(&self, from: Vec3, to: Vec3) -> bool {
-        !self.accel.occluded(&Ray::between(from, to))
-    }
-
     /// The surface at a hit, found again from ray and primitive alone, so that every engine gives the same.
     #[inline]
     fn interaction(&self, ray: &Ray, hit: Hit) -> SurfaceInteraction {
