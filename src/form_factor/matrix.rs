@@ -19,24 +19,25 @@ pub struct FormFactorMatrix {
     pub(super) escaped: Vec<[f32; 3]>,
     /// Share of each row that the limit of specular events cut.
     pub(super) truncated: Vec<[f32; 3]>,
+    /// Mean radiance that each row receives of emitters it does not see directly.
+    pub(super) arriving: Vec<Rgb>,
     /// Quality before correction.
     pub closure: Closure,
 }
-
-/// Set in a column of the specular part when the entry carries only reflected light: the patch's emission is found by shadow rays.
-pub const REFLECTED_ONLY: u32 = 1 << 31;
 
 /// One row as it is measured.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
     /// Patches seen directly, with their form factor, by rising patch.
     pub direct: Vec<(u32, f32)>,
-    /// Patches seen through specular surfaces, by rising column; a column may hold [`REFLECTED_ONLY`].
+    /// Patches seen through specular surfaces, by rising patch.
     pub specular: Vec<(u32, [f32; 3])>,
     /// Share that escapes.
     pub escaped: [f32; 3],
     /// Share that was cut by the limit of specular events.
     pub truncated: [f32; 3],
+    /// Mean radiance from emitters that are not seen directly.
+    pub arriving: Rgb,
 }
 
 impl FormFactorMatrix {
@@ -52,6 +53,7 @@ impl FormFactorMatrix {
             matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
             matrix.escaped.push(row.escaped);
             matrix.truncated.push(row.truncated);
+            matrix.arriving.push(row.arriving);
             matrix.row_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
@@ -76,7 +78,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 48 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 72 * self.len()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.
@@ -87,22 +89,18 @@ impl FormFactorMatrix {
         self.column[range.clone()].iter().zip(&self.factor[range]).map(move |(j, f)| (*j as usize, f64::from(*f) * scale))
     }
 
-    /// Entries (j, F_ij) of row i that are seen through specular surfaces; a patch may come twice.
+    /// Entries (j, F_ij) of row i that are seen through specular and glossy surfaces.
     #[inline]
     pub fn specular(&self, i: usize) -> impl Iterator<Item = (usize, Rgb)> {
-        self.specular_columns(i).map(|(j, f)| ((j & !REFLECTED_ONLY) as usize, f))
-    }
-
-    /// The same for emitted light: without what shadow rays find straight through thin plates.
-    #[inline]
-    pub fn specular_emission(&self, i: usize) -> impl Iterator<Item = (usize, Rgb)> {
-        self.specular_columns(i).filter(|(j, _)| j & REFLECTED_ONLY == 0).map(|(j, f)| (j as usize, f))
-    }
-
-    #[inline]
-    fn specular_columns(&self, i: usize) -> impl Iterator<Item = (u32, Rgb)> {
         let range = self.specular_start[i]..self.specular_start[i + 1];
-        self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j, Rgb::from(*f)))
+        self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j as usize, Rgb::from(*f)))
+    }
+
+    /// Mean radiance [W/(m² sr)] over the rays of row i that comes from emitters without reflection by a patch, except what row i sees
+    /// directly of glowing patches: from the surroundings, and by way of specular and glossy surfaces.
+    #[inline]
+    pub fn arriving(&self, i: usize) -> Rgb {
+        self.arriving[i]
     }
 
     /// Share of row i that leaves the scene.

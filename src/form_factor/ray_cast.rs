@@ -3,12 +3,13 @@
 //! Rays that meet a mirror or glass go on through it, so that pass one knows the light that comes that way (extended form factors,
 //! [Sillion89]). A row closes exactly, whatever the number of rays; the error shows in reciprocity.
 
-use super::matrix::{FormFactorMatrix, REFLECTED_ONLY, Row};
+use super::matrix::{FormFactorMatrix, Row};
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::{Observer, Progress, Stage};
-use crate::world::World;
+use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::{Event, RayCounts};
+use crate::world::{DirectSampling, Sight, World};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
@@ -22,16 +23,19 @@ pub struct RayCastSettings {
     pub rays: u32,
     /// Longest chain of specular events.
     pub max_events: u32,
+    /// Number of these rays for each shadow ray that a patch sends: light that both find is shared in proportion.
+    pub rays_beside_shadow_rays: f64,
     /// Seed of the rays.
     pub seed: u64,
 }
 
 impl RayCastSettings {
     /// As many rays as keep the standard error of any form factor below `tolerance`: sqrt(F(1-F)/n) <= 1/(2 sqrt n), rounded up to a
-    /// power of two for the sake of stratification.
-    pub fn for_tolerance(tolerance: f64, seed: u64) -> Self {
+    /// power of two for the sake of stratification. `shadow_rays`: those that a patch of the full size sends.
+    pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
         let rays = (0.25 / (tolerance * tolerance)).ceil().clamp(16.0, 65536.0) as u32;
-        Self { rays: rays.next_power_of_two(), max_events: 64, seed }
+        let rays = rays.next_power_of_two();
+        Self { rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
     }
 
     /// Rays of patch `i`. What a small patch sends and blocks counts by its area, and so does the error that its rays leave.
@@ -82,23 +86,36 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
     let mut counts = RayCounts::default();
     let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
-    let (mut escaped, mut truncated) = (Rgb::BLACK, Rgb::BLACK);
+    let (mut escaped, mut truncated, mut arriving) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
     let rays = settings.rays_of(patches, id.0 as usize);
     for k in 0..rays {
         let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
         let from = patches.sample(world, id, sampler.next_2d());
         let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(sampler.next_2d()));
         counts.form_factor += 1;
-        world.follow(from.spawn(direction), &mut sampler, settings.max_events, &mut counts, |event| match event {
-            Event::Surface { at, throughput, through, straight } => match patches.patch_at(at) {
-                Some(j) if through == 0 => direct.push(j.0),
-                Some(j) => {
-                    let counted = straight && world.partition().found_by_shadow_rays(at.shape as usize);
-                    specular.push((if counted { j.0 | REFLECTED_ONLY } else { j.0 }, throughput));
+        // Densities are per shadow ray, so that the shares do not depend on how many of either kind there are.
+        let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
+        let sampling = DirectSampling::default();
+        let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
+        world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {
+            Event::Surface { at, throughput, through, emission_share, .. } => {
+                if let Some(j) = patches.patch_at(at) {
+                    if through == 0 {
+                        direct.push(j.0);
+                    } else {
+                        specular.push((j.0, throughput));
+                    }
                 }
-                None => {}
-            },
-            Event::Escaped { throughput, .. } => escaped += throughput,
+                // What is seen directly is known exactly by the form factor.
+                if through > 0 && at.front {
+                    arriving += throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
+                }
+            }
+            Event::Lit { radiance, .. } => arriving += radiance,
+            Event::Escaped { direction, throughput, share, .. } => {
+                escaped += throughput;
+                arriving += throughput * world.scene().escaped_radiance(direction) * share;
+            }
             Event::Truncated { throughput } => truncated += throughput,
         });
     }
@@ -113,6 +130,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
             .collect(),
         escaped: (escaped * share).to_array().map(|v| v as f32),
         truncated: (truncated * share).to_array().map(|v| v as f32),
+        arriving: arriving * share,
     };
     (row, counts)
 }

@@ -9,56 +9,92 @@ use super::{
     whitted::{Path, Trace},
 };
 use crate::film::Quantity;
+use crate::geometry::Ray;
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
-use crate::world::SurfaceInteraction;
+use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::{Event, RayCounts};
+use crate::world::{Shading, Sight, SurfaceInteraction};
 
 impl TwoPass<'_> {
-    /// Adds `weight_rho` times the mean radiance over the cosine-weighted hemisphere.
-    pub(super) fn gather(&self, si: &SurfaceInteraction, weight_rho: Rgb, depth: u32, trace: &mut Trace<'_>) {
-        // A faint branch of the recursion needs fewer rays.
+    /// Gather rays at a diffuse part of reflectance `rho` that the camera sees with weight `weight`: a faint one needs fewer.
+    pub(super) fn gather_rays(&self, weight_rho: Rgb) -> u32 {
         let wanted = self.settings.gather_rays;
-        let rays = ((f64::from(wanted) * weight_rho.max().min(1.0).sqrt()).ceil() as u32).clamp(1, wanted);
-        let frame = Frame::new(si.ns);
+        ((f64::from(wanted) * weight_rho.max().min(1.0).sqrt()).ceil() as u32).clamp(1, wanted)
+    }
+
+    /// Adds what the diffuse part at `si` reflects of the light that `rays` cosine-distributed rays find.
+    pub(super) fn gather(
+        &self,
+        si: &SurfaceInteraction,
+        shading: &Shading<'_>,
+        weight: Rgb,
+        depth: u32,
+        rays: u32,
+        trace: &mut Trace<'_>,
+    ) {
+        let frame = Frame::new(shading.normal());
         let (mut indirect, mut caustic) = (Rgb::BLACK, Rgb::BLACK);
         for k in 0..rays {
             // Gather rays of one pixel are one sequence over all passes, so that they are stratified among each other.
-            let mut sampler = Sampler::new(u64::from(depth), trace.key, trace.index * u64::from(wanted) + u64::from(k));
-            let direction = frame.to_world(warp::cosine_hemisphere(sampler.next_2d()));
-            if direction.dot(si.ng) <= 0.0 {
+            let wanted = u64::from(self.settings.gather_rays);
+            let mut sampler = Sampler::new(u64::from(depth), trace.key, trace.index * wanted + u64::from(k));
+            let local = warp::cosine_hemisphere(sampler.next_2d());
+            let direction = frame.to_world(local);
+            let response = shading.eval(direction).diffuse;
+            if response.is_black() {
                 continue;
             }
+            let density = cosine_density(1.0, local.z);
+            let origin = Origin {
+                point: si.point,
+                receiver: shading.receiver(),
+                density: density * f64::from(rays),
+                sampling: self.settings.direct,
+            };
             trace.counts.gather += 1;
-            let (a, b) = self.gathered(si.spawn(direction), depth, &mut sampler, trace);
-            indirect += a;
-            caustic += b;
+            let (a, b) = self.gathered(si.spawn(direction), Sight::Gather(origin), depth, &mut sampler, trace.counts);
+            indirect += response / density * a;
+            caustic += response / density * b;
         }
-        let share = weight_rho / f64::from(rays);
+        let share = weight / f64::from(rays);
         *trace.sample.layer(Quantity::Indirect) += share * indirect;
         *trace.sample.layer(Quantity::Caustic) += share * caustic;
     }
 
     /// Radiance along one gather ray: reflected by patches, and emitted.
-    fn gathered(&self, ray: crate::geometry::Ray, depth: u32, sampler: &mut Sampler, trace: &mut Trace<'_>) -> (Rgb, Rgb) {
+    pub(super) fn gathered(
+        &self,
+        ray: Ray,
+        sight: Sight,
+        depth: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> (Rgb, Rgb) {
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
-        self.world.follow(ray, sampler, limit.saturating_sub(depth + 1), trace.counts, |event| match event {
-            Event::Surface { at, throughput, through, straight } => {
+        self.world.follow(ray, sight, sampler, limit.saturating_sub(depth + 1), counts, |event| match event {
+            Event::Surface { at, shading, throughput, through, emission_share } => {
                 let shape = &scene.shapes[at.shape as usize];
-                let counts = !(straight && self.world.partition().found_by_shadow_rays(at.shape as usize));
-                if at.front && counts {
-                    emitted += throughput * shape.emission;
+                if at.front && emission_share > 0.0 {
+                    emitted += throughput * shape.emitted(at.uv) * emission_share;
                 }
                 if let Some(field) = self.field
                     && depth + through + 3 <= limit
                 {
-                    let rho = scene.material_of(shape).material.diffuse_reflectance(at.uv);
+                    let rho = shading.diffuse_reflectance();
                     reflected += RadiosityField::reflected_radiance(throughput * rho, field.irradiance(at));
                 }
             }
-            Event::Escaped { throughput, .. } => emitted += throughput * scene.environment,
+            Event::Lit { radiance, through } => {
+                if depth + through + 3 <= limit {
+                    emitted += radiance;
+                }
+            }
+            Event::Escaped { direction, throughput, share, .. } => {
+                emitted += throughput * scene.escaped_radiance(direction) * share;
+            }
             Event::Truncated { .. } => {}
         });
         (reflected, emitted)
@@ -73,11 +109,14 @@ impl TwoPass<'_> {
         let (mut direct, mut rest) = (Rgb::BLACK, Rgb::BLACK);
         for index in 0..samples {
             let mut trace = Trace::new(Sampler::new(self.settings.seed, key, index), key, index, &mut counts);
-            direct += self.world.direct_irradiance(at, self.settings.direct, &mut trace.sampler, trace.counts);
+            direct += self.world.direct_irradiance(at, self.settings.direct, 1.0, &mut trace.sampler, trace.counts);
             let mut sampler = trace.sampler.clone();
-            let direction = frame.to_world(warp::cosine_hemisphere(sampler.next_2d()));
+            let local = warp::cosine_hemisphere(sampler.next_2d());
             trace.counts.gather += 1;
-            let (reflected, emitted) = self.gathered(at.spawn(direction), 0, &mut sampler, &mut trace);
+            let density = cosine_density(1.0, local.z);
+            let origin = Origin { point: at.point, receiver: Some(at.ns), density, sampling: self.settings.direct };
+            let ray = at.spawn(frame.to_world(local));
+            let (reflected, emitted) = self.gathered(ray, Sight::Gather(origin), 0, &mut sampler, trace.counts);
             rest += (reflected + emitted) * std::f64::consts::PI;
         }
         let n = samples as f64;
@@ -85,7 +124,7 @@ impl TwoPass<'_> {
     }
 
     /// Radiance along `ray`, by `samples` camera samples; the first of the pair is what reached the surface seen directly.
-    pub(crate) fn probe_radiance(&self, ray: &crate::geometry::Ray, key: u64, samples: u64) -> (Rgb, Rgb, RayCounts) {
+    pub(crate) fn probe_radiance(&self, ray: &Ray, key: u64, samples: u64) -> (Rgb, Rgb, RayCounts) {
         let mut counts = RayCounts::default();
         let (mut direct, mut rest) = (Rgb::BLACK, Rgb::BLACK);
         for index in 0..samples {

@@ -1,5 +1,6 @@
 //! Pass two: what a camera ray sees.
 
+mod branches;
 pub mod drive;
 pub mod final_gather;
 pub mod whitted;

@@ -1,20 +1,15 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
-use super::{Frame, Integrator, ReadOut, TwoPass};
+use super::{Frame, Integrator, ReadOut, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
-use crate::material::Lobe;
 use crate::math::{Rgb, Sampler, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
-use crate::world::SurfaceInteraction;
+use crate::world::sight::balance;
 use crate::world::walk::RayCounts;
+use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
 use rayon::prelude::*;
 
-/// Down to this depth both branches of a dielectric are followed; below it one is chosen at random. With three levels a pane
-/// before a glass still branches fully, and a pixel never costs more than eight paths.
-const BRANCHING_DEPTH: u32 = 3;
-/// From this depth on a path goes on with a probability equal to its throughput.
-const ROULETTE_DEPTH: u32 = 8;
 /// No recursion goes deeper, whatever the scene asks: a closed box of perfect mirrors would never end.
 const DEEPEST: u32 = 512;
 
@@ -26,12 +21,14 @@ pub(super) struct Path {
     /// Specular events so far.
     pub depth: u32,
     /// Power left since branches are chosen at random, without the n² scaling: decides how likely the path goes on.
-    survival: f64,
+    pub survival: f64,
+    /// Which emission along the ray is its to count.
+    pub sight: Sight,
 }
 
 impl Path {
     /// A ray from the camera.
-    pub const START: Path = Path { weight: Rgb::WHITE, depth: 0, survival: 1.0 };
+    pub const START: Path = Path { weight: Rgb::WHITE, depth: 0, survival: 1.0, sight: Sight::Alone };
 }
 
 /// What one camera sample carries along its recursion.
@@ -102,7 +99,8 @@ impl TwoPass<'_> {
             return;
         }
         let Some(si) = self.world.intersect(ray) else {
-            *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().environment;
+            let share = self.world.escape_share(&path.sight, ray.direction);
+            *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().escaped_radiance(ray.direction) * share;
             return;
         };
         let shape = &self.world.scene().shapes[si.shape as usize];
@@ -110,75 +108,62 @@ impl TwoPass<'_> {
             *trace.sample.layer(Quantity::Depth) += Rgb::grey(f64::from(si.t));
             *trace.sample.layer(Quantity::Normal) += Rgb::from(si.ns.to_array());
         }
-        if si.front {
-            *trace.sample.layer(Quantity::Direct) += weight * shape.emission;
+        if si.front && shape.emits() {
+            let share = self.world.emission_share(&path.sight, ray.direction, &si);
+            *trace.sample.layer(Quantity::Direct) += weight * shape.emitted(si.uv) * share;
         }
-        let surface = self.world.scene().material_of(shape);
-        if surface.material.has_diffuse() {
-            if si.front || surface.two_sided {
-                let rho = surface.material.diffuse_reflectance(si.uv);
-                self.diffuse(&si, rho, weight, depth, trace);
-            }
-        } else {
-            self.recurse(&si, path, trace);
+        let shading = self.world.shading(&si);
+        let branches = self.branches(&shading, &path, trace);
+        if shading.has_diffuse() || shading.has_glossy() {
+            self.local(&si, &shading, branches.glossy, &path, trace);
         }
+        branches::follow(self, &si, &shading, &branches, &path, trace);
     }
 
-    /// I_local: what a diffuse surface reflects, by the chosen read-out of pass one.
-    fn diffuse(&self, si: &SurfaceInteraction, rho: Rgb, weight: Rgb, depth: u32, trace: &mut Trace<'_>) {
-        *trace.sample.layer(Quantity::Albedo) += weight * rho;
+    /// I_local: what the diffuse and glossy parts reflect of the lights, and the diffuse part of everything else, by the chosen read-out
+    /// of pass one. `glossy_rays` is the expected number of rays that follow the glossy lobes.
+    fn local(&self, si: &SurfaceInteraction, shading: &Shading<'_>, glossy_rays: f64, path: &Path, trace: &mut Trace<'_>) {
+        let Path { weight, depth, .. } = *path;
+        let weight_rho = weight * shading.diffuse_reflectance();
+        *trace.sample.layer(Quantity::Albedo) += weight_rho;
         let limit = self.depth_limit();
-        let weight_rho = weight * rho;
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(weight_rho, h);
-        if let Some(field) = self.field {
+        let mut read_out = self.settings.read_out;
+        if let Some(field) = self.field.filter(|_| shading.has_diffuse()) {
             let stored = field.irradiance(si);
             *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
             *trace.sample.layer(Quantity::Irradiance) += stored;
-            if self.settings.read_out == ReadOut::Stored && depth + 2 <= limit {
+            if read_out == ReadOut::Stored && depth + 2 <= limit {
                 *trace.sample.layer(Quantity::Indirect) += reflect(stored);
-                return;
             }
+        } else if read_out != ReadOut::FinalGather && !shading.has_diffuse() {
+            // Gloss alone has nothing stored.
+            read_out = ReadOut::DirectStored;
         }
-        if depth + 2 > limit || weight_rho.is_black() {
+        let diffuse_wanted = !weight_rho.is_black() && !(read_out == ReadOut::Stored && self.field.is_some());
+        if depth + 2 > limit || !(diffuse_wanted || shading.has_glossy()) {
             return;
         }
-        let direct = self.world.direct_irradiance(si, self.settings.direct, &mut trace.sampler, trace.counts);
-        *trace.sample.layer(Quantity::Direct) += reflect(direct);
-        match (self.settings.read_out, self.field) {
-            (ReadOut::FinalGather, _) => self.gather(si, weight_rho, depth, trace),
+        let gather_rays = if read_out == ReadOut::FinalGather { self.gather_rays(weight_rho) } else { 0 };
+        let respond = |ray: &ShadowRay| {
+            let mut response = shading.eval(ray.direction);
+            let cos = ray.direction.dot(shading.normal());
+            let share = if diffuse_wanted { ray.share_beside_gather_rays(f64::from(gather_rays), cos) } else { 0.0 };
+            response.diffuse = response.diffuse * share;
+            if !response.glossy.is_black() {
+                response.glossy = response.glossy * balance(ray.density, glossy_rays * shading.glossy_pdf(ray.direction));
+            }
+            response
+        };
+        let direct = self.world.direct(si, shading.receiver(), self.settings.direct, &mut trace.sampler, trace.counts, respond);
+        *trace.sample.layer(Quantity::Direct) += weight * (direct.diffuse + direct.glossy);
+        if !diffuse_wanted {
+            return;
+        }
+        match (read_out, self.field) {
+            (ReadOut::FinalGather, _) => self.gather(si, shading, weight, depth, gather_rays, trace),
             (_, Some(field)) => *trace.sample.layer(Quantity::Indirect) += reflect(field.rest_irradiance(si)),
             (_, None) => {}
         }
-    }
-
-    /// Kr R + Kt T: both branches near the camera, one of them further down.
-    fn recurse(&self, si: &SurfaceInteraction, path: Path, trace: &mut Trace<'_>) {
-        let Some((lobes, frame)) = self.world.lobes_at(si) else { return };
-        let go = |lobe: &Lobe, factor: f64, survival: f64, trace: &mut Trace<'_>| {
-            let Some(direction) = self.world.lobe_direction(si, &frame, lobe) else { return };
-            if lobe.transmits {
-                trace.counts.transmitted += 1;
-            } else {
-                trace.counts.reflected += 1;
-            }
-            let path = Path { weight: path.weight * lobe.weight * factor, depth: path.depth + 1, survival };
-            self.radiance(&si.spawn(direction), path, trace);
-        };
-        if path.depth < BRANCHING_DEPTH {
-            lobes.iter().for_each(|lobe| go(lobe, 1.0, 1.0, trace));
-            return;
-        }
-        let Some((lobe, probability)) = lobes.choose(trace.sampler.next_1d()) else { return };
-        let mut factor = 1.0 / probability;
-        let mut survival = path.survival * lobe.power * factor;
-        if path.depth >= ROULETTE_DEPTH {
-            let go_on = survival.min(0.95);
-            if f64::from(trace.sampler.next_1d()) >= go_on {
-                return;
-            }
-            factor /= go_on;
-            survival /= go_on;
-        }
-        go(&lobe, factor, survival, trace);
     }
 }

@@ -66,6 +66,23 @@ impl AreaLight {
         self.radiance * (PI * self.emitter.area())
     }
 
+    /// Density per steradian with which [`Self::sample`] from `point` finds `hit` along `direction`.
+    #[inline]
+    pub fn pdf(&self, point: Vec3, direction: Vec3, hit: &super::LightHit) -> f64 {
+        match &self.emitter {
+            Emitter::Triangles { .. } => {
+                let cos = -f64::from(direction.dot(hit.normal));
+                let d2 = f64::from((hit.position - point).length_squared());
+                if cos > 0.0 { d2 / (cos * self.emitter.area()) } else { 0.0 }
+            }
+            Emitter::Sphere(sphere) => {
+                let d2 = (sphere.center.as_dvec3() - point.as_dvec3()).length_squared();
+                let sin2 = f64::from(sphere.radius).powi(2) / d2;
+                if sin2 >= 1.0 { 0.0 } else { (1.0 + (1.0 - sin2).sqrt()) / (2.0 * PI * sin2) }
+            }
+        }
+    }
+
     /// A point of the surface, uniform by area for triangles and by solid angle for a sphere seen from outside.
     #[inline]
     pub fn sample(&self, point: Vec3, u: Vec2) -> Option<LightSample> {
@@ -103,7 +120,7 @@ impl AreaLight {
         // in f32 costs as much again as leaving a surface.
         let error = Vec3::splat(2.0 * triangle::leaving_error(a, b, c));
         let position = offset_origin(position, error, n.as_vec3(), -direction.as_vec3());
-        Some(LightSample { position, direction: direction.as_vec3(), irradiance: self.radiance / pdf, pdf })
+        Some(LightSample { target: Some(position), direction: direction.as_vec3(), irradiance: self.radiance / pdf, pdf })
     }
 
     fn sample_sphere(&self, point: Vec3, u: Vec2, sphere: &Sphere) -> Option<LightSample> {
@@ -123,7 +140,7 @@ impl AreaLight {
         let error = Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * SPHERE_ERROR);
         let position = offset_origin(position, error, sphere.normal(position), -direction);
         let pdf = 1.0 / (2.0 * PI * one_minus_cos);
-        Some(LightSample { position, direction, irradiance: self.radiance / pdf, pdf })
+        Some(LightSample { target: Some(position), direction, irradiance: self.radiance / pdf, pdf })
     }
 
     /// Rough unoccluded irradiance; an upper bound on the receiver's cosine keeps it positive wherever light can arrive.

@@ -20,7 +20,7 @@ impl PointLight {
         let to_light = (self.position - point).as_dvec3();
         let d2 = to_light.length_squared();
         LightSample {
-            position: self.position,
+            target: Some(self.position),
             direction: (to_light / d2.sqrt()).as_vec3(),
             irradiance: self.intensity / d2,
             pdf: f64::INFINITY,

@@ -63,7 +63,82 @@ pub enum Material {
     },
 }
 
+/// f |cos theta_i| of the lobes that are not ideal: the part that pass one treats as diffuse, and the rest [1/sr].
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Scattering {
+    /// Of the diffuse part.
+    pub diffuse: Rgb,
+    /// Of the glossy lobes.
+    pub glossy: Rgb,
+}
+
+/// A direction of the glossy lobes.
+#[derive(Debug, Clone, Copy)]
+pub struct GlossySample {
+    /// Unit direction to the light.
+    pub wi: Vec3,
+    /// Glossy f |cos theta_i| over `pdf`.
+    pub weight: Rgb,
+    /// Density per steradian.
+    pub pdf: f64,
+}
+
 impl Material {
+    /// The lobes that are not ideal, for light from `wi` to `wo`.
+    #[inline]
+    pub fn eval(&self, wo: Vec3, wi: Vec3, uv: Vec2) -> Scattering {
+        if wo.z <= 0.0 || wi.z <= 0.0 {
+            return Scattering::default();
+        }
+        let diffuse = self.diffuse_reflectance(uv) * (std::f64::consts::FRAC_1_PI * f64::from(wi.z));
+        Scattering { diffuse, glossy: Rgb::BLACK }
+    }
+
+    /// True if there are glossy lobes.
+    #[inline]
+    pub fn has_glossy(&self) -> bool {
+        false
+    }
+
+    /// A direction by the glossy lobes.
+    #[inline]
+    pub fn sample_glossy(&self, _wo: Vec3, _uv: Vec2, _u: Vec2, _choice: f32) -> Option<GlossySample> {
+        None
+    }
+
+    /// Density per steradian with which [`Self::sample_glossy`] finds `wi`.
+    #[inline]
+    pub fn glossy_pdf(&self, _wo: Vec3, _wi: Vec3, _uv: Vec2) -> f64 {
+        0.0
+    }
+
+    /// Directional albedo of the glossy lobes.
+    #[inline]
+    pub fn glossy_albedo(&self, _wo: Vec3, _uv: Vec2) -> Rgb {
+        Rgb::BLACK
+    }
+
+    /// Smallest roughness of the glossy lobes; 1 if there are none.
+    #[inline]
+    pub fn roughness(&self, _uv: Vec2) -> f64 {
+        1.0
+    }
+
+    /// Diffuse reflectance if it is the same everywhere.
+    pub fn uniform_diffuse_reflectance(&self) -> Option<Rgb> {
+        match self {
+            Material::Diffuse { reflectance: Texture::Constant(rho) } => Some(*rho),
+            Material::Diffuse { .. } => None,
+            _ => Some(Rgb::BLACK),
+        }
+    }
+
+    /// Directional albedo of the diffuse part.
+    #[inline]
+    pub fn diffuse_toward(&self, _wo: Vec3, uv: Vec2) -> Rgb {
+        self.diffuse_reflectance(uv)
+    }
+
     /// Diffuse reflectance rho at texture coordinates `uv`; black for purely specular materials.
     #[inline]
     pub fn diffuse_reflectance(&self, uv: Vec2) -> Rgb {
@@ -87,13 +162,13 @@ impl Material {
 
     /// True if light passes through without being bent, so that shadow rays may go through as well.
     #[inline]
-    pub fn is_thin(&self) -> bool {
+    pub fn passes_straight(&self) -> bool {
         matches!(self, Material::ThinDielectric { .. })
     }
 
     /// The ideal specular directions for a viewer at `wo`, each with the factor on the radiance that comes from there.
     #[inline]
-    pub fn lobes(&self, wo: Vec3) -> Lobes {
+    pub fn lobes(&self, wo: Vec3, _uv: Vec2) -> Lobes {
         match self {
             Material::Diffuse { .. } => Lobes::default(),
             Material::Conductor { index, reflectance } => specular::conductor(wo, *index, *reflectance),

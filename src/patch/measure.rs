@@ -1,8 +1,8 @@
 //! What is known of each patch once the elements exist: sides, areas, normals, reflectance.
 
 use super::{PatchId, PatchMesh};
-use crate::material::{Material, Texture};
-use crate::math::{CompensatedSum, Rgb, Sampler, Vec3};
+use crate::material::Texture;
+use crate::math::{CompensatedSum, Rgb, Sampler, Vec2, Vec3};
 use crate::world::World;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -17,6 +17,7 @@ struct Measured {
     normal: Vec3,
     shape: usize,
     rho: Rgb,
+    emission: Rgb,
 }
 
 impl PatchMesh {
@@ -32,7 +33,7 @@ impl PatchMesh {
             }
             let shape = &world.scene().shapes[m.shape];
             let surface = world.scene().material_of(shape);
-            self.elements[e].front = Some(self.add_patch(e, true, &m, m.rho, shape.emission * PI));
+            self.elements[e].front = Some(self.add_patch(e, true, &m, m.rho, m.emission * PI));
             if surface.two_sided && surface.material.has_diffuse() {
                 self.elements[e].back = Some(self.add_patch(e, false, &m, m.rho, Rgb::BLACK));
             }
@@ -60,7 +61,7 @@ impl PatchMesh {
             let a = self.piece_area(world, piece);
             area.add(a);
             running.push(area.value());
-            let middle = self.on_piece(world, piece, crate::math::Vec2::new(2.0 / 3.0, 2.0 / 3.0), true);
+            let middle = self.on_piece(world, piece, Vec2::new(2.0 / 3.0, 2.0 / 3.0), true);
             centroid += middle.point.as_dvec3() * a;
             normal += middle.ng.as_dvec3() * a;
             shape = middle.shape as usize;
@@ -74,27 +75,30 @@ impl PatchMesh {
             normal: normal.normalize_or_zero().as_vec3(),
             shape,
             rho: Rgb::BLACK,
+            emission: Rgb::BLACK,
         };
-        measured.rho = self.mean_reflectance(world, element, &measured);
+        let shape = &world.scene().shapes[shape];
+        let material = &world.scene().material_of(shape).material;
+        (measured.rho, measured.emission) = match (material.uniform_diffuse_reflectance(), &shape.emission) {
+            (Some(rho), Texture::Constant(radiance)) => (rho, *radiance),
+            _ => self.textured_means(world, element, &measured, |uv| (material.diffuse_reflectance(uv), shape.emitted(uv))),
+        };
         measured
     }
 
-    fn mean_reflectance(&self, world: &World, element: usize, m: &Measured) -> Rgb {
-        let material = &world.scene().material_of(&world.scene().shapes[m.shape]).material;
-        match material {
-            Material::Diffuse { reflectance: Texture::Constant(rho) } => *rho,
-            Material::Diffuse { reflectance } => {
-                let start = self.elements[element].pieces.start as usize;
-                let values = (0..TEXTURE_POINTS).map(|i| {
-                    let mut u = Sampler::new(0, element as u64, i).next_2d();
-                    let k = m.shares.partition_point(|&s| s <= u.x).min(m.shares.len() - 1);
-                    let before = if k == 0 { 0.0 } else { m.shares[k - 1] };
-                    u.x = ((u.x - before) / (m.shares[k] - before)).clamp(0.0, 1.0 - f32::EPSILON);
-                    reflectance.at(self.on_piece(world, start + k, u, true).uv)
-                });
-                values.sum::<Rgb>() / TEXTURE_POINTS as f64
-            }
-            _ => Rgb::BLACK,
+    /// Means of a reflectance and a radiance over an element, in linear light.
+    fn textured_means(&self, world: &World, element: usize, m: &Measured, at: impl Fn(Vec2) -> (Rgb, Rgb)) -> (Rgb, Rgb) {
+        let start = self.elements[element].pieces.start as usize;
+        let (mut rho, mut emission) = (Rgb::BLACK, Rgb::BLACK);
+        for i in 0..TEXTURE_POINTS {
+            let mut u = Sampler::new(0, element as u64, i).next_2d();
+            let k = m.shares.partition_point(|&s| s <= u.x).min(m.shares.len() - 1);
+            let before = if k == 0 { 0.0 } else { m.shares[k - 1] };
+            u.x = ((u.x - before) / (m.shares[k] - before)).clamp(0.0, 1.0 - f32::EPSILON);
+            let values = at(self.on_piece(world, start + k, u, true).uv);
+            rho += values.0;
+            emission += values.1;
         }
+        (rho / TEXTURE_POINTS as f64, emission / TEXTURE_POINTS as f64)
     }
 }

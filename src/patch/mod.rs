@@ -9,7 +9,6 @@ mod measure;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
-use crate::material::Material;
 use crate::math::{Rgb, Vec2, Vec3, warp};
 use crate::scene::ShapeSurface;
 use crate::world::{SurfaceInteraction, World};
@@ -330,5 +329,5 @@ impl PatchMesh {
 
 fn needs_patches(world: &World, shape: &crate::scene::Shape) -> bool {
     let material = &world.scene().material_of(shape).material;
-    !shape.emission.is_black() || matches!(material, Material::Diffuse { .. })
+    shape.emits() || material.has_diffuse()
 }

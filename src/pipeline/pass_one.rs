@@ -74,9 +74,10 @@ pub fn solve(
 ) -> Result<PassOne, PipelineError> {
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
     stop_if_asked(observer, Stage::Patches)?;
-    let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, seed, counts));
+    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, DIRECT_POINTS, mix(seed ^ 0x00f0_0f0f));
+    let shadow =
+        watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, ray_cast.rays_beside_shadow_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
-    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, mix(seed ^ 0x00f0_0f0f));
     let form_factors = watch
         .time(Stage::FormFactors, || ray_cast::cast(world, &patches, &ray_cast, counts, observer))
         .ok_or(PipelineError::Stopped)?;
@@ -96,8 +97,8 @@ fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), Pipeli
 }
 
 /// Mean irradiance of each patch by the lamps that shadow rays find.
-fn direct_irradiance(world: &World, patches: &PatchMesh, seed: u64, counts: &mut RayCounts) -> Vec<Rgb> {
-    if world.partition().shadow_lights().is_empty() {
+fn direct_irradiance(world: &World, patches: &PatchMesh, gather_rays: f64, seed: u64, counts: &mut RayCounts) -> Vec<Rgb> {
+    if world.partition().has_no_shadow_rays() {
         return vec![Rgb::BLACK; patches.len()];
     }
     let measured: Vec<(Rgb, RayCounts)> = (0..patches.len() as u32)
@@ -112,7 +113,7 @@ fn direct_irradiance(world: &World, patches: &PatchMesh, seed: u64, counts: &mut
                     let mut at = patches.sample(world, PatchId(i), sampler.next_2d());
                     // Radiosity belongs to the faces themselves, not to the smoothed normals.
                     at.ns = at.ng;
-                    world.direct_irradiance(&at, DirectSampling::default(), &mut sampler, &mut counts)
+                    world.direct_irradiance(&at, DirectSampling::default(), gather_rays, &mut sampler, &mut counts)
                 })
                 .sum();
             (sum / points as f64, counts)
@@ -130,8 +131,7 @@ fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFa
         .map(|i| {
             let walls: Rgb =
                 form_factors.direct(i).filter(|(j, _)| !by_shadow_rays[*j]).map(|(j, f)| patches.exitance[j] * f).sum();
-            let through: Rgb = form_factors.specular_emission(i).map(|(j, f)| patches.exitance[j] * f).sum();
-            walls + through + form_factors.escaped(i) * world.scene().environment * PI
+            walls + form_factors.arriving(i) * PI
         })
         .collect()
 }

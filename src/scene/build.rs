@@ -117,12 +117,12 @@ impl Scene {
         let shapes: Vec<Shape> =
             source.shapes.into_iter().map(|s| place(s, origin, &mut dropped_triangles, &mut warnings)).collect();
 
-        let area_lights = shapes.iter().enumerate().filter(|(_, s)| !s.emission.is_black()).filter_map(|(i, s)| {
+        let area_lights = shapes.iter().enumerate().filter(|(_, s)| s.emits()).filter_map(|(i, s)| {
             let emitter = match &s.surface {
                 ShapeSurface::Mesh(mesh) => Emitter::of_mesh(mesh),
                 ShapeSurface::Sphere(sphere) => Emitter::Sphere(*sphere),
             };
-            (emitter.area() > 0.0).then_some(Light::Area(AreaLight { shape: i as u32, radiance: s.emission, emitter }))
+            (emitter.area() > 0.0).then_some(Light::Area(AreaLight { shape: i as u32, radiance: s.emission.mean(), emitter }))
         });
         let points = source
             .point_lights
@@ -140,7 +140,8 @@ impl Scene {
             shapes,
             materials: source.materials,
             lights,
-            environment: source.environment,
+            environment: (!source.environment.is_black())
+                .then(|| std::sync::Arc::new(crate::light::Environment { uniform: source.environment })),
             dropped_triangles,
             warnings,
         })
@@ -197,5 +198,5 @@ fn place(shape: ShapeSource, origin: DVec3, dropped_triangles: &mut usize, warni
             ShapeSurface::Mesh(Mesh { positions, normals, uvs: t.uvs, triangles })
         }
     };
-    Shape { id: shape.id, surface, material: shape.material, emission: shape.emission }
+    Shape { id: shape.id, surface, material: shape.material, emission: crate::material::Texture::Constant(shape.emission) }
 }

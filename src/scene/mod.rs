@@ -7,9 +7,10 @@ pub use build::{SceneError, SceneSource, ShapeSource, SurfaceSource};
 pub use camera::Camera;
 
 use crate::geometry::{Mesh, Sphere};
-use crate::light::Light;
-use crate::material::{MaterialId, Surface};
-use crate::math::{DVec3, Rgb};
+use crate::light::{Environment, Light};
+use crate::material::{MaterialId, Surface, Texture};
+use crate::math::{DVec3, Rgb, Vec2, Vec3};
+use std::sync::Arc;
 
 /// Everything that a picture depends on, in coordinates relative to [`Scene::origin`].
 #[derive(Debug, Clone)]
@@ -28,8 +29,8 @@ pub struct Scene {
     pub materials: Vec<Surface>,
     /// Lights that can be sampled from a point: emitting shapes in shape order, then point lights.
     pub lights: Vec<Light>,
-    /// Radiance of a uniform surrounding [W/(m² sr)]; black if there is none.
-    pub environment: Rgb,
+    /// What surrounds the scene.
+    pub environment: Option<Arc<Environment>>,
     /// Triangles without area that were left out.
     pub dropped_triangles: usize,
     /// What the reader had to replace, drop or guess.
@@ -59,7 +60,7 @@ pub struct Shape {
     /// Its material.
     pub material: MaterialId,
     /// Radiance emitted from the normal side [W/(m² sr)]; black if it does not emit.
-    pub emission: Rgb,
+    pub emission: Texture,
 }
 
 /// Geometry of a [`Shape`].
@@ -72,6 +73,18 @@ pub enum ShapeSurface {
 }
 
 impl Shape {
+    /// True if it emits.
+    #[inline]
+    pub fn emits(&self) -> bool {
+        !self.emission.mean().is_black()
+    }
+
+    /// Radiance emitted from the normal side at texture coordinates `uv` [W/(m² sr)].
+    #[inline]
+    pub fn emitted(&self, uv: Vec2) -> Rgb {
+        self.emission.at(uv)
+    }
+
     /// Area [m²].
     pub fn area(&self) -> f64 {
         match &self.surface {
@@ -86,6 +99,12 @@ impl Scene {
     #[inline]
     pub fn material_of(&self, shape: &Shape) -> &Surface {
         &self.materials[shape.material.0 as usize]
+    }
+
+    /// Radiance that arrives from outside along `direction`, which points away from the scene [W/(m² sr)].
+    #[inline]
+    pub fn escaped_radiance(&self, direction: Vec3) -> Rgb {
+        self.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
     }
 
     /// Number of triangles.

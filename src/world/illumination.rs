@@ -1,8 +1,11 @@
 //! Direct light at a point, by shadow rays.
 
+use super::sight::Origin;
 use super::walk::RayCounts;
 use super::{SurfaceInteraction, World};
 use crate::geometry::Ray;
+use crate::light::{LightHit, LightSample};
+use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, Vec2, Vec3};
 
 /// A shadow ray through more plates than this counts as blocked; less than 2 % of the light would be left.
@@ -11,7 +14,8 @@ const MOST_PLATES: u32 = 32;
 /// How many lights are sampled at each point.
 #[derive(Debug, Clone, Copy)]
 pub struct DirectSampling {
-    /// Up to this many lights, each is sampled at every point; from more, as many are picked by their likely contribution.
+    /// Up to this many lights, each is sampled at every point; from more, as many are picked by their likely contribution. Those
+    /// infinitely far away come on top, one sample each.
     pub lights_per_point: usize,
 }
 
@@ -22,64 +26,136 @@ impl Default for DirectSampling {
     }
 }
 
+/// Where a shadow ray goes.
+#[derive(Debug, Clone, Copy)]
+pub struct ShadowRay {
+    /// Unit direction to the light.
+    pub direction: Vec3,
+    /// Expected number of shadow rays per steradian in that direction; infinite for lights without extent.
+    pub density: f64,
+    /// True if it looks for the surroundings, which gather rays find as well.
+    pub surroundings: bool,
+}
+
 impl World {
     /// Estimate of the irradiance [W/m²] at `si` from all lights that are found by shadow rays, about its shading normal.
     ///
-    /// Unbiased. Light comes straight, through empty space and thin plates: what is bent by glass or comes by a mirror is found by
-    /// gather rays.
+    /// The surroundings count by their share beside `gather_rays` cosine-distributed rays.
     #[inline]
     pub fn direct_irradiance(
         &self,
         si: &SurfaceInteraction,
         sampling: DirectSampling,
+        gather_rays: f64,
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Rgb {
+        let respond = |ray: &ShadowRay| {
+            let cos = ray.direction.dot(si.ns);
+            // Both normals must see the light: nothing shines through the back of a face.
+            if cos <= 0.0 || ray.direction.dot(si.ng) <= 0.0 {
+                return Scattering::default();
+            }
+            let diffuse = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
+            Scattering { diffuse, glossy: Rgb::BLACK }
+        };
+        self.direct(si, Some(si.ns), sampling, sampler, counts, respond).diffuse
+    }
+
+    /// Estimate of the light from all lights that are found by shadow rays, times the response of `respond` to each direction; the receiving
+    /// side is that of `receiver`, or both sides.
+    ///
+    /// Unbiased. Light comes straight, through empty space and thin plates: what is bent by glass or comes by a mirror is found by
+    /// other rays.
+    #[inline]
+    pub fn direct(
+        &self,
+        si: &SurfaceInteraction,
+        receiver: Option<Vec3>,
+        sampling: DirectSampling,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        respond: impl Fn(&ShadowRay) -> Scattering,
+    ) -> Scattering {
+        let mut sum = Scattering::default();
+        let mut add = |light: usize, picked: f64, u: Vec2| {
+            let Some(sample) = self.scene.lights[light].sample(si.point, u) else { return };
+            let surroundings = self.partition.environment() == Some(light);
+            let ray = ShadowRay { direction: sample.direction, density: sample.pdf * picked, surroundings };
+            let response = respond(&ray);
+            if response.diffuse.is_black() && response.glossy.is_black() {
+                return;
+            }
+            counts.shadow += 1;
+            let arriving = self.transmittance(&shadow_ray(si, &sample)) * sample.irradiance / picked;
+            sum.diffuse += response.diffuse * arriving;
+            sum.glossy += response.glossy * arriving;
+        };
         let lights = self.partition.shadow_lights();
         if lights.len() <= sampling.lights_per_point {
-            lights.iter().map(|&light| self.irradiance_from(si, light, sampler.next_2d(), counts)).sum()
+            lights.iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
         } else {
-            self.picked_irradiance(si, sampling.lights_per_point, sampler, counts)
+            let shift = f64::from(sampler.next_1d());
+            let picks = sampling.lights_per_point;
+            let us: Vec<Vec2> = (0..picks).map(|_| sampler.next_2d()).collect();
+            self.pick_lights(si.point, receiver, picks, shift, |pick, light, expected| add(light, expected, us[pick]));
+        }
+        self.partition.distant_lights().iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
+        sum
+    }
+
+    /// Rough unoccluded irradiance by which lights are picked.
+    #[inline]
+    fn light_importance(&self, light: usize, point: Vec3, receiver: Option<Vec3>) -> f64 {
+        let light = &self.scene.lights[light];
+        match receiver {
+            Some(n) => light.importance(point, n),
+            None => light.importance(point, Vec3::Z).max(light.importance(point, Vec3::NEG_Z)),
         }
     }
 
-    fn picked_irradiance(&self, si: &SurfaceInteraction, picks: usize, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
+    /// Systematic picks, one uniform shift for all, so that a light with a share above 1/picks is always among them; `visit` gets the
+    /// number of the pick, the light, and the expected number of times it is picked.
+    fn pick_lights(
+        &self,
+        point: Vec3,
+        receiver: Option<Vec3>,
+        picks: usize,
+        shift: f64,
+        mut visit: impl FnMut(usize, usize, f64),
+    ) {
         let lights = self.partition.shadow_lights();
-        let mut running = Vec::with_capacity(lights.len());
         let mut total = 0.0;
-        for &light in lights {
-            total += self.scene.lights[light].importance(si.point, si.ns);
-            running.push(total);
+        let running: Vec<f64> = lights
+            .iter()
+            .map(|&light| {
+                total += self.light_importance(light, point, receiver);
+                total
+            })
+            .collect();
+        if total <= 0.0 {
+            return;
         }
-        let shift = f64::from(sampler.next_1d());
-        let mut sum = Rgb::BLACK;
         for pick in 0..picks {
-            let u = sampler.next_2d();
-            if total <= 0.0 {
-                continue;
-            }
-            // Systematic picks: one uniform shift for all, so that a light with a share above 1/picks is always among them.
             let target = (pick as f64 + shift) / picks as f64 * total;
             let k = running.partition_point(|&r| r <= target).min(lights.len() - 1);
             let share = (running[k] - if k == 0 { 0.0 } else { running[k - 1] }) / total;
             if share > 0.0 {
-                sum += self.irradiance_from(si, lights[k], u, counts) / (share * picks as f64);
+                visit(pick, lights[k], share * picks as f64);
             }
         }
-        sum
     }
 
-    /// One sample of one light.
-    #[inline]
-    fn irradiance_from(&self, si: &SurfaceInteraction, light: usize, u: Vec2, counts: &mut RayCounts) -> Rgb {
-        let Some(sample) = self.scene.lights[light].sample(si.point, u) else { return Rgb::BLACK };
-        let cos = sample.direction.dot(si.ns);
-        // Both normals must see the light: nothing shines through the back of a face.
-        if cos <= 0.0 || sample.direction.dot(si.ng) <= 0.0 {
-            return Rgb::BLACK;
+    /// Expected number of shadow rays per steradian from `origin` along `direction` to `light`, which is met at `hit`.
+    pub(super) fn light_density(&self, origin: &Origin, light: usize, direction: Vec3, hit: Option<&LightHit>) -> f64 {
+        let pdf = self.scene.lights[light].pdf(origin.point, direction, hit);
+        let lights = self.partition.shadow_lights();
+        if self.scene.lights[light].is_distant() || lights.len() <= origin.sampling.lights_per_point {
+            return pdf;
         }
-        counts.shadow += 1;
-        self.transmittance(&si.spawn_to(sample.position)) * sample.irradiance * f64::from(cos)
+        let importance = |light: usize| self.light_importance(light, origin.point, origin.receiver);
+        let total: f64 = lights.iter().map(|&l| importance(l)).sum();
+        if total > 0.0 { pdf * origin.sampling.lights_per_point as f64 * importance(light) / total } else { 0.0 }
     }
 
     /// Share of the light that comes straight along `ray` from its far end: 1 if nothing is in the way, less through thin plates, else 0.
@@ -98,12 +174,10 @@ impl World {
         let mut share = Rgb::WHITE;
         for _ in 0..MOST_PLATES {
             let Some(si) = self.intersect(&ray) else { return share };
-            let thin = self.scene.material_of(&self.scene.shapes[si.shape as usize]).material.is_thin();
-            let lobes = thin.then(|| self.lobes_at(&si)).flatten();
-            let Some(through) = lobes.and_then(|(lobes, _)| lobes.iter().find(|l| l.transmits).copied()) else {
-                return Rgb::BLACK;
-            };
-            share *= through.weight;
+            share *= self.shading(&si).straight_share();
+            if share.is_black() {
+                return share;
+            }
             // The same ray goes on: behind this hit, which a closed lower end leaves out.
             ray.t_min = si.t;
         }
@@ -115,5 +189,22 @@ impl World {
         let error =
             Vec3::splat(self.bounds.min.abs().max(self.bounds.max.abs()).max(point.abs()).max_element() * super::POINT_ERROR);
         SurfaceInteraction::new(point, error, n, n, Vec2::ZERO, (0.0, 0.0), 0, 0, n)
+    }
+}
+
+impl ShadowRay {
+    /// Share of this ray beside `rays` cosine-distributed ones that meet the same light: all of it, but for the surroundings.
+    #[inline]
+    pub fn share_beside_gather_rays(&self, rays: f64, cos: f32) -> f64 {
+        if self.surroundings { super::sight::balance(self.density, super::sight::cosine_density(rays, cos)) } else { 1.0 }
+    }
+}
+
+/// The ray to a sample of a light.
+#[inline]
+fn shadow_ray(si: &SurfaceInteraction, sample: &LightSample) -> Ray {
+    match sample.target {
+        Some(target) => si.spawn_to(target),
+        None => si.spawn(sample.direction),
     }
 }

@@ -62,9 +62,9 @@ impl SurfaceInteraction {
         Ray::between(offset_origin(self.point, self.error, self.ng, target - self.point), target)
     }
 
-    /// Frame for ideal specular directions: around the shading normal, unless the viewer is below it (then the geometric one).
+    /// Frame of the material: around the shading normal, unless the viewer is below it (then the geometric one).
     #[inline]
-    pub fn specular_frame(&self) -> Frame {
+    pub fn shading_frame(&self) -> Frame {
         Frame::new(if self.wo.dot(self.ns) > 1e-4 { self.ns } else { self.ng })
     }
 }

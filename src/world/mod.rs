@@ -3,11 +3,15 @@
 pub mod illumination;
 pub mod interaction;
 pub mod partition;
+pub mod shading;
+pub mod sight;
 pub mod walk;
 
-pub use illumination::DirectSampling;
+pub use illumination::{DirectSampling, ShadowRay};
 pub use interaction::SurfaceInteraction;
 pub use partition::EmitterPartition;
+pub use shading::Shading;
+pub use sight::Sight;
 
 use crate::accel::{self, Accel, AccelError, AccelKind};
 use crate::geometry::soup::Primitive;
@@ -74,7 +78,7 @@ impl World {
             let shape = &mut shape_bounds[shape as usize];
             *shape = shape.union(soup.bounds_of(primitive as u32));
         }
-        let has_thin = scene.shapes.iter().any(|s| scene.material_of(s).material.is_thin());
+        let has_thin = scene.shapes.iter().any(|s| scene.material_of(s).material.passes_straight());
         let soup = Arc::new(soup);
         let accel = accel::build(Arc::clone(&soup), kind)?;
         Ok(World { scene, soup, accel, partition, shape_of_primitive, first_primitive, bounds, shape_bounds, has_thin })

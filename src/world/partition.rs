@@ -1,4 +1,5 @@
-//! Each emitter is found in exactly one of two ways, so that no light is counted twice and none is missed.
+//! How each emitter is found from a diffuse surface: by shadow rays or by gather rays, so that no light is counted twice and none is
+//! missed.
 
 use crate::light::Light;
 use crate::scene::Scene;
@@ -12,46 +13,79 @@ pub const LARGE_SHARE: f64 = 0.1;
 /// Which emitters are sampled by shadow rays, and which are left to rays that gather.
 #[derive(Debug, Clone)]
 pub struct EmitterPartition {
-    /// Indices into `scene.lights`.
+    /// Indices into `scene.lights`, those with a place.
     shadow: Vec<usize>,
-    /// Per shape: true if its emission is found by shadow rays.
-    shape_is_shadow: Vec<bool>,
+    /// Those infinitely far away.
+    distant: Vec<usize>,
+    /// Per shape: index of its light if shadow rays find it.
+    shadow_light_of_shape: Vec<Option<u32>>,
+    /// Index of the surroundings if shadow rays find them.
+    environment: Option<usize>,
 }
 
 impl EmitterPartition {
-    /// By the share of the scene's area that each emitter takes: above `large_share` it is left to gather rays. Point lights can only be found by shadow rays; a surrounding only
-    /// by gather rays.
+    /// By the share of the scene's area that each emitter takes: above `large_share` it is left to gather rays. Lights without a surface
+    /// can only be found by shadow rays; a uniform surrounding, which is no light of the list, only by gather rays.
     pub fn new(scene: &Scene, large_share: f64) -> Self {
         let total: f64 = scene.shapes.iter().map(crate::scene::Shape::area).sum();
-        let mut shape_is_shadow = vec![false; scene.shapes.len()];
-        let mut shadow = Vec::new();
-        // Emitters of one kind that fill the scene together are large as well, even if each alone is small (six walls of a furnace).
-        let area_of = |light: &Light| match light {
-            Light::Area(area) => area.emitter.area(),
-            Light::Point(_) => 0.0,
+        let mut partition = Self {
+            shadow: Vec::new(),
+            distant: Vec::new(),
+            shadow_light_of_shape: vec![None; scene.shapes.len()],
+            environment: None,
         };
-        let emitting: f64 = scene.lights.iter().map(area_of).sum();
+        // Emitters of one kind that fill the scene together are large as well, even if each alone is small (six walls of a furnace).
+        let emitting: f64 = scene.lights.iter().map(Light::area).sum();
         for (i, light) in scene.lights.iter().enumerate() {
-            let area = area_of(light);
-            let large = area > large_share * total || (large_share < 1.0 && emitting > 0.5 * total && area > 0.0);
-            if !large {
-                shadow.push(i);
-                if let Light::Area(area) = light {
-                    shape_is_shadow[area.shape as usize] = true;
-                }
+            let area = light.area();
+            if area > large_share * total || (large_share < 1.0 && emitting > 0.5 * total && area > 0.0) {
+                continue;
+            }
+            if light.is_distant() {
+                partition.distant.push(i);
+            } else {
+                partition.shadow.push(i);
+            }
+            if let Some(shape) = light.shape() {
+                partition.shadow_light_of_shape[shape as usize] = Some(i as u32);
+            }
+            if matches!(light, Light::Environment(_)) {
+                partition.environment = Some(i);
             }
         }
-        Self { shadow, shape_is_shadow }
+        partition
     }
 
-    /// Lights sampled by shadow rays, as indices into `scene.lights`.
+    /// Lights with a place that are sampled by shadow rays, as indices into `scene.lights`.
     pub fn shadow_lights(&self) -> &[usize] {
         &self.shadow
+    }
+
+    /// Lights infinitely far away that are sampled by shadow rays.
+    pub fn distant_lights(&self) -> &[usize] {
+        &self.distant
+    }
+
+    /// True if no light is sampled by shadow rays.
+    pub fn has_no_shadow_rays(&self) -> bool {
+        self.shadow.is_empty() && self.distant.is_empty()
+    }
+
+    /// The light of shape `index` if it is found by shadow rays.
+    #[inline]
+    pub fn shadow_light_of(&self, shape: usize) -> Option<usize> {
+        self.shadow_light_of_shape[shape].map(|light| light as usize)
     }
 
     /// True if the emission of shape `index` is found by shadow rays, so that a gather ray that meets it directly must not count it.
     #[inline]
     pub fn found_by_shadow_rays(&self, shape: usize) -> bool {
-        self.shape_is_shadow[shape]
+        self.shadow_light_of_shape[shape].is_some()
+    }
+
+    /// The surroundings as a light, if shadow rays look for them.
+    #[inline]
+    pub fn environment(&self) -> Option<usize> {
+        self.environment
     }
 }

@@ -1,9 +1,11 @@
-//! A ray followed through mirrors and glass until it meets something that is not purely specular.
+//! A ray followed through mirrors, glass and gloss until a surface reflects the rest of its light diffusely.
 
+use super::shading::Shading;
+use super::sight::{Origin, Sight, balance};
 use super::{SurfaceInteraction, World};
 use crate::geometry::Ray;
-use crate::material::{Lobe, Lobes};
-use crate::math::{Frame, Rgb, Sampler, Vec3};
+use crate::material::Lobe;
+use crate::math::{Rgb, Sampler, Vec3};
 
 /// After this many specular events a path goes on with a probability equal to its throughput.
 const ROULETTE_AFTER: u32 = 8;
@@ -60,40 +62,65 @@ impl RayCounts {
 
 /// One event of a walk, handed to its visitor.
 pub enum Event<'a> {
-    /// A surface. `through` counts the specular events before it.
+    /// A surface. `through` counts the specular and glossy events before it.
     Surface {
         /// Where.
         at: &'a SurfaceInteraction,
+        /// Its material there.
+        shading: &'a Shading<'a>,
         /// Radiance at the start over radiance leaving here.
         throughput: Rgb,
-        /// Specular events before.
+        /// Events before.
         through: u32,
-        /// True if the path so far is one straight line, through thin plates at most: a shadow ray could have taken it.
-        straight: bool,
+        /// Share of its emission that this ray counts; shadow rays count the rest.
+        emission_share: f64,
+    },
+    /// Light of lamps and surroundings that a glossy surface sends back along the ray.
+    Lit {
+        /// Radiance at the start.
+        radiance: Rgb,
+        /// Events before, the glossy one not counted.
+        through: u32,
     },
     /// The ray left the scene.
     Escaped {
+        /// Unit direction in which it left.
+        direction: Vec3,
         /// Radiance at the start over radiance arriving from outside.
         throughput: Rgb,
-        /// Specular events before.
+        /// Events before.
         through: u32,
+        /// Share of what arrives from there that this ray counts.
+        share: f64,
     },
-    /// The limit of specular events cut the walk.
+    /// The limit of events cut the walk.
     Truncated {
         /// Radiance at the start over the radiance that was not looked at.
         throughput: Rgb,
     },
 }
 
+/// How a walk goes on.
+struct Step {
+    direction: Vec3,
+    /// Radiance towards the viewer over radiance from `direction`, over the probability of the choice.
+    weight: Rgb,
+    /// The same without the n² scaling.
+    power: f64,
+    sight: Sight,
+    transmits: bool,
+}
+
 impl World {
-    /// Follows `ray`: every surface met is visited, and the walk goes on through specular ones, one lobe chosen at each.
+    /// Follows `ray`: every surface met is visited, and the walk goes on by one lobe at each that is not diffuse.
     ///
-    /// It ends at a surface that has a diffuse part, is black, or lies outside; or at `max_events` specular events, which counts
-    /// as truncated.
+    /// At a surface with a diffuse part it goes on with a probability equal to the albedo of its other lobes. It ends at what is black or
+    /// lies outside; or at `max_events` events, which counts as truncated.
     #[inline]
     pub fn follow(
         &self,
         mut ray: Ray,
+        mut sight: Sight,
         sampler: &mut Sampler,
         max_events: u32,
         counts: &mut RayCounts,
@@ -103,23 +130,22 @@ impl World {
         // The same without the n² scaling, which a path gets back when it leaves the glass.
         let mut survival = 1.0;
         let mut through = 0;
-        let mut straight = true;
         loop {
             let Some(si) = self.intersect(&ray) else {
-                visit(Event::Escaped { throughput, through });
+                let share = self.escape_share(&sight, ray.direction);
+                visit(Event::Escaped { direction: ray.direction, throughput, through, share });
                 return;
             };
-            visit(Event::Surface { at: &si, throughput, through, straight });
-            let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
-            if surface.material.has_diffuse() {
-                return;
-            }
-            let Some((direction, lobe, probability)) = self.choose_lobe(&si, sampler.next_1d()) else { return };
-            throughput *= lobe.weight / probability;
-            survival *= lobe.power / probability;
+            let shading = self.shading(&si);
+            let emission_share = self.emission_share(&sight, ray.direction, &si);
+            visit(Event::Surface { at: &si, shading: &shading, throughput, through, emission_share });
+            let ends = through + 1 >= max_events.min(LONGEST);
+            let lit = |radiance: Rgb| visit(Event::Lit { radiance: throughput * radiance, through });
+            let Some(step) = self.step(&si, &shading, &sight, sampler, counts, lit) else { return };
+            throughput *= step.weight;
+            survival *= step.power;
             through += 1;
-            straight &= lobe.transmits && surface.material.is_thin();
-            if through >= max_events.min(LONGEST) {
+            if ends {
                 counts.truncated += 1;
                 visit(Event::Truncated { throughput });
                 return;
@@ -132,51 +158,70 @@ impl World {
                 throughput = throughput / go_on;
                 survival /= go_on;
             }
-            if lobe.transmits {
+            if step.transmits {
                 counts.transmitted += 1;
             } else {
                 counts.reflected += 1;
             }
-            ray = si.spawn(direction);
+            sight = step.sight;
+            ray = si.spawn(step.direction);
         }
     }
 
-    /// One specular direction at `si`, its lobe, and the probability of the choice.
+    /// One lobe chosen by its share of power; `lit` gets the light of shadow rays that a glossy surface reflects.
     #[inline]
-    fn choose_lobe(&self, si: &SurfaceInteraction, u: f32) -> Option<(Vec3, Lobe, f64)> {
-        let (lobes, frame) = self.lobes_at(si)?;
-        let (lobe, probability) = lobes.choose(u)?;
-        Some((self.lobe_direction(si, &frame, &lobe)?, lobe, probability))
-    }
-
-    /// The specular lobes at `si` in the frame they are meant in; `None` on the back of a one-sided opaque surface.
-    #[inline]
-    pub fn lobes_at(&self, si: &SurfaceInteraction) -> Option<(Lobes, Frame)> {
-        let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
-        let frame = si.specular_frame();
-        let mut wo = frame.to_local(si.wo);
-        if !si.front && surface.material.is_transmissive() {
-            // The interaction's normals face the viewer; a boundary needs to know that the viewer is inside.
-            wo.z = -wo.z;
-        } else if !si.front && !surface.two_sided {
+    fn step(
+        &self,
+        si: &SurfaceInteraction,
+        shading: &Shading<'_>,
+        sight: &Sight,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        lit: impl FnOnce(Rgb),
+    ) -> Option<Step> {
+        let lobes = shading.lobes();
+        let ideal: f64 = lobes.iter().map(|lobe| lobe.power).sum();
+        let glossy = shading.glossy_albedo().mean();
+        let total = ideal + glossy;
+        if total <= 0.0 {
             return None;
         }
-        Some((surface.material.lobes(wo), frame))
-    }
-
-    /// World direction of `lobe`; `None` if a shading normal would send it to the wrong side of the surface.
-    #[inline]
-    pub fn lobe_direction(&self, si: &SurfaceInteraction, frame: &Frame, lobe: &Lobe) -> Option<Vec3> {
-        let mut wi = lobe.wi;
-        let viewer_below = !si.front && self.scene.material_of(&self.scene.shapes[si.shape as usize]).material.is_transmissive();
-        if viewer_below {
-            wi.z = -wi.z;
+        // What is diffuse ends most walks: its light has been read.
+        let go_on = if shading.has_diffuse() { total.min(0.95) } else { 1.0 };
+        let glossy_probability = go_on * glossy / total;
+        if glossy > 0.0 {
+            let respond = |ray: &super::ShadowRay| {
+                let mut response = shading.eval(ray.direction);
+                response.diffuse = Rgb::BLACK;
+                let other = glossy_probability * shading.glossy_pdf(ray.direction);
+                response.glossy = response.glossy * balance(ray.density, other);
+                response
+            };
+            let direct = self.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).glossy;
+            if !direct.is_black() {
+                lit(direct);
+            }
         }
-        let direction = frame.to_world(wi);
-        if (direction.dot(si.ng) < 0.0) == lobe.transmits {
-            return Some(direction);
+        let u = f64::from(sampler.next_1d());
+        if u >= go_on {
+            return None;
         }
-        // A bent normal sent the direction to the wrong side: use the geometric normal for a reflection, give up otherwise.
-        (!lobe.transmits).then(|| 2.0 * si.wo.dot(si.ng) * si.ng - si.wo)
+        if u < glossy_probability {
+            let sample = shading.sample_glossy(sampler.next_2d(), (u / glossy_probability) as f32)?;
+            let weight = sample.weight / glossy_probability;
+            let density = glossy_probability * sample.pdf;
+            let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling: Shading::IN_PASSING };
+            let transmits = sample.direction.dot(si.ng) < 0.0;
+            let power = weight.mean().min(1.0 / glossy_probability);
+            return Some(Step { direction: sample.direction, weight, power, sight: Sight::Glossy(origin), transmits });
+        }
+        let u = ((u - glossy_probability) / (go_on - glossy_probability)) as f32;
+        let (lobe, probability): (Lobe, f64) = lobes.choose(u)?;
+        let probability = probability * (go_on - glossy_probability);
+        // Straight on, the ray still looks where it was sent.
+        let sight = if shading.is_straight(&lobe) { *sight } else { Sight::Alone };
+        let direction = shading.direction(&lobe)?;
+        let (weight, power) = (lobe.weight / probability, lobe.power / probability);
+        Some(Step { direction, weight, power, sight, transmits: lobe.transmits })
     }
 }

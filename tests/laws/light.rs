@@ -147,7 +147,7 @@ fn shadow_and_gather_emitters_are_disjoint_and_complete() {
                 .filter(|&&l| matches!(&scene.lights[l], twopass::light::Light::Area(a) if a.shape as usize == shape));
             let (listed, flagged) = (listed.count(), partition.found_by_shadow_rays(shape));
             assert_eq!(listed == 1, flagged, "shape {shape} at share {share}: listed {listed} times, flagged {flagged}");
-            assert!(listed <= 1 && (!s.emission.is_black() || !flagged));
+            assert!(listed <= 1 && (s.emits() || !flagged));
         }
     }
     let sizes = [0.0, 0.1, 1.0].map(|share| EmitterPartition::new(&scene, share).shadow_lights().len());

@@ -68,7 +68,7 @@ fn facts(world: &World, patches: &PatchMesh, hash: u64, files: usize) -> Facts {
 /// What a render with default settings takes at most, besides the scene itself [bytes].
 fn memory(world: &World, patches: &PatchMesh) -> Facts {
     let film = &world.scene().film;
-    let rays = RayCastSettings::for_tolerance(PassOneSettings::default().form_factor_tolerance, 0).rays as usize;
+    let rays = RayCastSettings::for_tolerance(PassOneSettings::default().form_factor_tolerance, 1.0, 0).rays as usize;
     // A ray finds at most one patch: a row holds no more entries than rays, nor than patches.
     let entries = patches.len() * patches.len().min(rays);
     vec![

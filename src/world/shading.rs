@@ -1,0 +1,166 @@
+//! A hit seen through its material: what scatters there, in world directions.
+
+use super::{DirectSampling, SurfaceInteraction, World};
+use crate::material::{Lobe, Lobes, Material, Scattering};
+use crate::math::{Frame, Rgb, Vec2, Vec3};
+
+/// The material at a hit, in the frame it is meant in.
+pub struct Shading<'a> {
+    si: &'a SurfaceInteraction,
+    /// The material.
+    pub material: &'a Material,
+    frame: Frame,
+    /// Unit direction to the viewer in the material's frame.
+    pub wo: Vec3,
+    /// True if the material's +z points away from the viewer's side: on the back of what is not two-sided.
+    flipped: bool,
+}
+
+/// A direction by the glossy lobes.
+#[derive(Debug, Clone, Copy)]
+pub struct GlossyRay {
+    /// Unit direction in world space.
+    pub direction: Vec3,
+    /// Glossy f |cos theta| over `pdf`.
+    pub weight: Rgb,
+    /// Density per steradian.
+    pub pdf: f64,
+}
+
+impl World {
+    /// The material at `si`. On the back of a one-sided opaque surface nothing of it scatters.
+    #[inline]
+    pub fn shading<'a>(&'a self, si: &'a SurfaceInteraction) -> Shading<'a> {
+        let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
+        let frame = si.shading_frame();
+        let mut wo = frame.to_local(si.wo);
+        // The interaction's normals face the viewer; a boundary needs to know that the viewer is inside.
+        let flipped = !si.front && !surface.two_sided;
+        if flipped {
+            wo.z = -wo.z;
+        }
+        Shading { si, material: &surface.material, frame, wo, flipped }
+    }
+}
+
+impl Shading<'_> {
+    /// True if some of the light is reflected diffusely on the side of the viewer.
+    #[inline]
+    pub fn has_diffuse(&self) -> bool {
+        self.material.has_diffuse() && (!self.flipped || self.material.is_transmissive())
+    }
+
+    /// True if there are glossy lobes on the side of the viewer.
+    #[inline]
+    pub fn has_glossy(&self) -> bool {
+        self.material.has_glossy() && (!self.flipped || self.material.is_transmissive())
+    }
+
+    /// Directional albedo of the diffuse part: a uniform irradiance H is sent to the viewer as the radiance of this times H/pi.
+    #[inline]
+    pub fn diffuse_reflectance(&self) -> Rgb {
+        if self.has_diffuse() { self.material.diffuse_toward(self.wo, self.si.uv) } else { Rgb::BLACK }
+    }
+
+    /// Unit normal that irradiance is about.
+    #[inline]
+    pub fn normal(&self) -> Vec3 {
+        self.frame.n
+    }
+
+    /// Normal of the only side from which light can be scattered to the viewer; `None` if both sides can.
+    #[inline]
+    pub fn receiver(&self) -> Option<Vec3> {
+        (!self.material.is_transmissive()).then_some(self.frame.n)
+    }
+
+    /// f |cos theta| of the lobes that are not ideal, for light that comes from `direction`. Black if a bent normal and the face itself
+    /// disagree on the side: nothing shines through the back of a face.
+    #[inline]
+    pub fn eval(&self, direction: Vec3) -> Scattering {
+        match self.to_local(direction) {
+            Some(wi) => self.material.eval(self.wo, wi, self.si.uv),
+            None => Scattering::default(),
+        }
+    }
+
+    /// Density per steradian with which [`Self::sample_glossy`] finds `direction`.
+    #[inline]
+    pub fn glossy_pdf(&self, direction: Vec3) -> f64 {
+        self.to_local(direction).map_or(0.0, |wi| self.material.glossy_pdf(self.wo, wi, self.si.uv))
+    }
+
+    /// A direction by the glossy lobes.
+    #[inline]
+    pub fn sample_glossy(&self, u: Vec2, choice: f32) -> Option<GlossyRay> {
+        let sample = self.material.sample_glossy(self.wo, self.si.uv, u, choice)?;
+        let (direction, z) = self.to_world(sample.wi);
+        ((direction.dot(self.si.ng) > 0.0) == (z > 0.0)).then_some(GlossyRay {
+            direction,
+            weight: sample.weight,
+            pdf: sample.pdf,
+        })
+    }
+
+    /// Share of the light that the glossy lobes send to the viewer when it comes from everywhere.
+    #[inline]
+    pub fn glossy_albedo(&self) -> Rgb {
+        if self.has_glossy() { self.material.glossy_albedo(self.wo, self.si.uv) } else { Rgb::BLACK }
+    }
+
+    /// The ideal lobes.
+    #[inline]
+    pub fn lobes(&self) -> Lobes {
+        self.material.lobes(self.wo, self.si.uv)
+    }
+
+    /// World direction of `lobe`; `None` if a bent normal would send it to the wrong side of the surface.
+    #[inline]
+    pub fn direction(&self, lobe: &Lobe) -> Option<Vec3> {
+        if self.is_straight(lobe) {
+            return Some(-self.si.wo);
+        }
+        let (direction, _) = self.to_world(lobe.wi);
+        if (direction.dot(self.si.ng) < 0.0) == lobe.transmits {
+            return Some(direction);
+        }
+        // A bent normal sent the direction to the wrong side: use the geometric normal for a reflection, give up otherwise.
+        (!lobe.transmits).then(|| 2.0 * self.si.wo.dot(self.si.ng) * self.si.ng - self.si.wo)
+    }
+
+    /// True if `lobe` goes on as if nothing were there.
+    #[inline]
+    pub fn is_straight(&self, lobe: &Lobe) -> bool {
+        lobe.transmits && self.material.passes_straight() && lobe.wi == -self.wo
+    }
+
+    /// Share of the light that passes straight.
+    #[inline]
+    pub fn straight_share(&self) -> Rgb {
+        self.lobes().iter().filter(|lobe| self.is_straight(lobe)).map(|lobe| lobe.weight).sum()
+    }
+
+    /// How many shadow rays a surface needs that only a walk has met: one, since its light is seen in a mean.
+    pub(super) const IN_PASSING: DirectSampling = DirectSampling { lights_per_point: 1 };
+
+    #[inline]
+    fn to_local(&self, direction: Vec3) -> Option<Vec3> {
+        let mut wi = self.frame.to_local(direction);
+        if (wi.z > 0.0) != (direction.dot(self.si.ng) > 0.0) {
+            return None;
+        }
+        if self.flipped {
+            wi.z = -wi.z;
+        }
+        Some(wi)
+    }
+
+    /// World direction, and its component along the frame's normal on the viewer's side.
+    #[inline]
+    fn to_world(&self, mut wi: Vec3) -> (Vec3, f32) {
+        if self.flipped {
+            wi.z = -wi.z;
+        }
+        (self.frame.to_world(wi), wi.z)
+    }
+}
