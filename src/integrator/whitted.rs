@@ -140,7 +140,8 @@ impl TwoPass<'_> {
             // Gloss alone has nothing stored.
             read_out = ReadOut::DirectStored;
         }
-        let diffuse_wanted = !weight_rho.is_black() && !(read_out == ReadOut::Stored && self.field.is_some());
+        let stored_only = read_out == ReadOut::Stored && self.field.is_some();
+        let diffuse_wanted = !(stored_only || weight_rho.is_black());
         if depth + 2 > limit || !(diffuse_wanted || shading.has_glossy()) {
             return;
         }
