@@ -49,7 +49,7 @@ impl TwoPass<'_> {
                 let shape = &scene.shapes[at.shape as usize];
                 let counts = !(straight && self.world.partition().found_by_shadow_rays(at.shape as usize));
                 if at.front && counts {
-                    emitted += throughput * shape.emission;
+                    emitted += throughput * shape.emitted(at.uv);
                 }
                 if let Some(field) = self.field
                     && depth + through + 3 <= limit
@@ -58,7 +58,7 @@ impl TwoPass<'_> {
                     reflected += RadiosityField::reflected_radiance(throughput * rho, field.irradiance(at));
                 }
             }
-            Event::Escaped { throughput, .. } => emitted += throughput * scene.environment,
+            Event::Escaped { throughput, direction, .. } => emitted += throughput * scene.escaped_radiance(direction),
             Event::Truncated { .. } => {}
         });
         (reflected, emitted)

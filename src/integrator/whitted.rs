@@ -102,7 +102,7 @@ impl TwoPass<'_> {
             return;
         }
         let Some(si) = self.world.intersect(ray) else {
-            *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().environment;
+            *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().escaped_radiance(ray.direction);
             return;
         };
         let shape = &self.world.scene().shapes[si.shape as usize];
@@ -111,7 +111,7 @@ impl TwoPass<'_> {
             *trace.sample.layer(Quantity::Normal) += Rgb::from(si.ns.to_array());
         }
         if si.front {
-            *trace.sample.layer(Quantity::Direct) += weight * shape.emission;
+            *trace.sample.layer(Quantity::Direct) += weight * shape.emitted(si.uv);
         }
         let surface = self.world.scene().material_of(shape);
         if surface.material.has_diffuse() {

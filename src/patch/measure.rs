@@ -32,7 +32,7 @@ impl PatchMesh {
             }
             let shape = &world.scene().shapes[m.shape];
             let surface = world.scene().material_of(shape);
-            self.elements[e].front = Some(self.add_patch(e, true, &m, m.rho, shape.emission * PI));
+            self.elements[e].front = Some(self.add_patch(e, true, &m, m.rho, shape.emission.mean() * PI));
             if surface.two_sided && surface.material.has_diffuse() {
                 self.elements[e].back = Some(self.add_patch(e, false, &m, m.rho, Rgb::BLACK));
             }

@@ -330,5 +330,5 @@ impl PatchMesh {
 
 fn needs_patches(world: &World, shape: &crate::scene::Shape) -> bool {
     let material = &world.scene().material_of(shape).material;
-    !shape.emission.is_black() || matches!(material, Material::Diffuse { .. })
+    shape.emits() || matches!(material, Material::Diffuse { .. })
 }

@@ -131,7 +131,7 @@ fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFa
             let walls: Rgb =
                 form_factors.direct(i).filter(|(j, _)| !by_shadow_rays[*j]).map(|(j, f)| patches.exitance[j] * f).sum();
             let through: Rgb = form_factors.specular_emission(i).map(|(j, f)| patches.exitance[j] * f).sum();
-            walls + through + form_factors.escaped(i) * world.scene().environment * PI
+            walls + through + form_factors.escaped(i) * world.scene().environment.as_ref().map_or(Rgb::BLACK, |e| e.mean()) * PI
         })
         .collect()
 }

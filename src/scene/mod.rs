@@ -3,13 +3,14 @@
 pub mod build;
 pub mod camera;
 
-pub use build::{SceneError, SceneSource, ShapeSource, SurfaceSource};
+pub use build::{LightSource, SceneError, SceneSource, ShapeSource, SurfaceSource};
 pub use camera::Camera;
 
 use crate::geometry::{Mesh, Sphere};
-use crate::light::Light;
-use crate::material::{MaterialId, Surface};
-use crate::math::{DVec3, Rgb};
+use crate::light::{Environment, Light};
+use crate::material::{MaterialId, Surface, Texture};
+use crate::math::{DVec3, Rgb, Vec2, Vec3};
+use std::sync::Arc;
 
 /// Everything that a picture depends on, in coordinates relative to [`Scene::origin`].
 #[derive(Debug, Clone)]
@@ -26,10 +27,11 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Materials; shapes refer to them.
     pub materials: Vec<Surface>,
-    /// Lights that can be sampled from a point: emitting shapes in shape order, then point lights.
+    /// Lights that can be sampled from a point: emitting shapes in shape order, then those without a shape, last the surroundings
+    /// unless they are uniform: those are found best by rays that gather.
     pub lights: Vec<Light>,
-    /// Radiance of a uniform surrounding [W/(m² sr)]; black if there is none.
-    pub environment: Rgb,
+    /// What surrounds the scene; `None`: darkness.
+    pub environment: Option<Arc<Environment>>,
     /// Triangles without area that were left out.
     pub dropped_triangles: usize,
     /// What the reader had to replace, drop or guess.
@@ -58,8 +60,8 @@ pub struct Shape {
     pub surface: ShapeSurface,
     /// Its material.
     pub material: MaterialId,
-    /// Radiance emitted from the normal side [W/(m² sr)]; black if it does not emit.
-    pub emission: Rgb,
+    /// Radiance emitted from the normal side [W/(m² sr)] by texture coordinates; constant black if it does not emit.
+    pub emission: Texture,
 }
 
 /// Geometry of a [`Shape`].
@@ -78,6 +80,22 @@ impl Shape {
             ShapeSurface::Mesh(mesh) => mesh.area(),
             ShapeSurface::Sphere(sphere) => sphere.area(),
         }
+    }
+
+    /// True if some of it emits.
+    #[inline]
+    pub fn emits(&self) -> bool {
+        match &self.emission {
+            Texture::Constant(radiance) => !radiance.is_black(),
+            // A bitmap that is black everywhere became a constant when the scene was made.
+            Texture::Bitmap(_) => true,
+        }
+    }
+
+    /// Radiance emitted from the normal side at texture coordinates `uv` [W/(m² sr)].
+    #[inline]
+    pub fn emitted(&self, uv: Vec2) -> Rgb {
+        self.emission.at(uv)
     }
 }
 
@@ -104,8 +122,14 @@ impl Scene {
         self.shapes.iter().filter(|s| matches!(s.surface, ShapeSurface::Sphere(_))).count()
     }
 
-    /// Total power of all lights [W]; a uniform surrounding has none of its own.
+    /// Total power of all lights [W]; suns and surroundings have none of their own.
     pub fn power(&self) -> Rgb {
         self.lights.iter().map(Light::power).sum()
+    }
+
+    /// Radiance [W/(m² sr)] that arrives from outside along the unit vector `direction`; black without surroundings.
+    #[inline]
+    pub fn escaped_radiance(&self, direction: Vec3) -> Rgb {
+        self.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
     }
 }

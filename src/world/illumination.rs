@@ -79,7 +79,8 @@ impl World {
             return Rgb::BLACK;
         }
         counts.shadow += 1;
-        self.transmittance(&si.spawn_to(sample.position)) * sample.irradiance * f64::from(cos)
+        let ray = sample.target.map_or_else(|| si.spawn(sample.direction), |target| si.spawn_to(target));
+        self.transmittance(&ray) * sample.irradiance * f64::from(cos)
     }
 
     /// Share of the light that comes straight along `ray` from its far end: 1 if nothing is in the way, less through thin plates, else 0.

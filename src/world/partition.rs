@@ -26,18 +26,16 @@ impl EmitterPartition {
         let mut shape_is_shadow = vec![false; scene.shapes.len()];
         let mut shadow = Vec::new();
         // Emitters of one kind that fill the scene together are large as well, even if each alone is small (six walls of a furnace).
-        let area_of = |light: &Light| match light {
-            Light::Area(area) => area.emitter.area(),
-            Light::Point(_) => 0.0,
-        };
-        let emitting: f64 = scene.lights.iter().map(area_of).sum();
+        let emitting: f64 = scene.lights.iter().map(Light::area).sum();
         for (i, light) in scene.lights.iter().enumerate() {
-            let area = area_of(light);
-            let large = area > large_share * total || (large_share < 1.0 && emitting > 0.5 * total && area > 0.0);
+            let area = light.area();
+            let large = matches!(light, Light::Environment(_))
+                || area > large_share * total
+                || (large_share < 1.0 && emitting > 0.5 * total && area > 0.0);
             if !large {
                 shadow.push(i);
-                if let Light::Area(area) = light {
-                    shape_is_shadow[area.shape as usize] = true;
+                if let Some(shape) = light.shape() {
+                    shape_is_shadow[shape as usize] = true;
                 }
             }
         }

@@ -75,6 +75,8 @@ pub enum Event<'a> {
     Escaped {
         /// Radiance at the start over radiance arriving from outside.
         throughput: Rgb,
+        /// Unit direction in which the ray left.
+        direction: Vec3,
         /// Specular events before.
         through: u32,
     },
@@ -106,7 +108,7 @@ impl World {
         let mut straight = true;
         loop {
             let Some(si) = self.intersect(&ray) else {
-                visit(Event::Escaped { throughput, through });
+                visit(Event::Escaped { throughput, direction: ray.direction, through });
                 return;
             };
             visit(Event::Surface { at: &si, throughput, through, straight });
