@@ -1,7 +1,8 @@
 //! Spheres are intersected exactly: glass and mirror balls must not be faceted.
 
 use super::Ray;
-use crate::math::{DVec3, Vec3};
+use crate::math::{DVec3, Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
 
 /// A sphere; its normal points outward.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +47,12 @@ impl Sphere {
     #[inline]
     pub fn normal(&self, point: Vec3) -> Vec3 {
         (point.as_dvec3() - self.center.as_dvec3()).normalize_or_zero().as_vec3()
+    }
+
+    /// Texture coordinates where the outward unit normal is `n`: azimuth over 2 pi and polar angle over pi, about +z.
+    #[inline]
+    pub fn uv(&self, n: Vec3) -> Vec2 {
+        Vec2::new(n.y.atan2(n.x).rem_euclid(TAU) / TAU, n.z.clamp(-1.0, 1.0).acos() / PI)
     }
 }
 

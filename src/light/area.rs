@@ -1,33 +1,56 @@
 //! Emitting triangles and spheres.
 
-use super::LightSample;
+use super::cells::Cells;
+use super::{LightHit, LightSample};
 use crate::geometry::{Bounds, Mesh, Sphere, offset_origin, triangle};
-use crate::math::{Frame, Rgb, Vec2, Vec3, warp};
+use crate::material::Texture;
+use crate::math::{CompensatedSum, DVec2, Frame, Rgb, Vec2, Vec3, warp};
 use std::f64::consts::PI;
 
 /// Relative bound on the rounding of a point on a spherical lamp, in units of its largest coordinate.
 const SPHERE_ERROR: f32 = 8.0 * f32::EPSILON;
 
-/// A shape that emits the same radiance from every point of its normal side into every direction of that side.
+/// Most cells along the edge of a textured triangle: as fine as the texels up to here.
+const MOST_PER_EDGE: usize = 64;
+
+/// Most cells of a textured emitter, whatever the number of its triangles.
+const MOST_CELLS: usize = 1 << 18;
+
+/// Most lookups that measure a textured emitter.
+const MOST_LOOKUPS: usize = 1 << 22;
+
+/// A cell is sampled as if it had at least this share of the emitter's mean radiance: what shines between the points at which
+/// its texture was looked up is then still found.
+const LEAST_SHARE: f64 = 0.01;
+
+/// Rows and columns of the grid over which the texture of a sphere is averaged.
+const SPHERE_GRID: usize = 512;
+
+/// A shape that emits from every point of its normal side the same radiance into every direction of that side.
 #[derive(Debug, Clone)]
 pub struct AreaLight {
     /// Index of the shape in the scene.
     pub shape: u32,
-    /// Emitted radiance [W/(m² sr)].
-    pub radiance: Rgb,
+    /// Emitted radiance [W/(m² sr)] over the shape's texture coordinates.
+    pub radiance: Texture,
     /// Its surface.
     pub emitter: Emitter,
+    area: f64,
+    mean: Rgb,
+    cells: Cells,
+    /// Running sum of the weights by which cells are chosen, cells of the first triangle first; empty for a sphere.
+    running: Vec<f64>,
 }
 
 /// The surface of an [`AreaLight`].
 #[derive(Debug, Clone)]
 pub enum Emitter {
-    /// Triangles, with the running sum of their areas.
+    /// Triangles.
     Triangles {
         /// Corners of each.
         corners: Vec<[Vec3; 3]>,
-        /// Area of all up to and including each [m²].
-        running_area: Vec<f64>,
+        /// Texture coordinates at the corners of each; empty: the barycentric weights of the second and third.
+        uvs: Vec<[Vec2; 3]>,
         /// Box of all.
         bounds: Bounds,
     },
@@ -39,108 +62,163 @@ impl Emitter {
     /// The triangles of a mesh.
     pub fn of_mesh(mesh: &Mesh) -> Self {
         let corners: Vec<_> = (0..mesh.triangles.len()).map(|i| mesh.corners(i)).collect();
-        let mut sum = crate::math::CompensatedSum::default();
-        let running_area = corners
-            .iter()
-            .map(|&[a, b, c]| {
-                sum.add(triangle::area_vector(a, b, c).length());
-                sum.value()
-            })
-            .collect();
+        let uvs = if mesh.uvs.is_empty() {
+            Vec::new()
+        } else {
+            mesh.triangles.iter().map(|t| t.map(|i| mesh.uvs[i as usize])).collect()
+        };
         let bounds = corners.iter().flatten().copied().collect();
-        Emitter::Triangles { corners, running_area, bounds }
+        Emitter::Triangles { corners, uvs, bounds }
     }
 
     /// Area [m²].
     pub fn area(&self) -> f64 {
         match self {
-            Emitter::Triangles { running_area, .. } => running_area.last().copied().unwrap_or(0.0),
+            Emitter::Triangles { corners, .. } => {
+                corners.iter().map(|&[a, b, c]| triangle::area_vector(a, b, c).length()).collect::<CompensatedSum>().value()
+            }
             Emitter::Sphere(sphere) => sphere.area(),
         }
+    }
+
+    /// Texture coordinates of the point of triangle `index` with barycentric weights `w`.
+    #[inline]
+    fn uv(uvs: &[[Vec2; 3]], index: usize, w: DVec2) -> Vec2 {
+        let Some([a, b, c]) = uvs.get(index).map(|t| t.map(|uv| uv.as_dvec2())) else { return w.as_vec2() };
+        (a * (1.0 - w.x - w.y) + b * w.x + c * w.y).as_vec2()
     }
 }
 
 impl AreaLight {
-    /// Power [W]: pi L A.
-    pub fn power(&self) -> Rgb {
-        self.radiance * (PI * self.emitter.area())
+    /// The light of shape `shape`; measures how much each part of the surface emits.
+    pub fn new(shape: u32, radiance: Texture, emitter: Emitter) -> Self {
+        let area = emitter.area();
+        let (cells, mean, running) = match (&emitter, &radiance) {
+            (Emitter::Sphere(_), _) => (Cells { per_edge: 1 }, mean_over_sphere(&radiance), Vec::new()),
+            (Emitter::Triangles { corners, .. }, Texture::Constant(value)) => {
+                let mut sum = CompensatedSum::default();
+                let add = |&[a, b, c]: &[Vec3; 3]| {
+                    sum.add(triangle::area_vector(a, b, c).length());
+                    sum.value()
+                };
+                (Cells { per_edge: 1 }, *value, corners.iter().map(add).collect())
+            }
+            (Emitter::Triangles { corners, uvs, .. }, texture) => measure(corners, uvs, texture, area),
+        };
+        Self { shape, radiance, emitter, area, mean, cells, running }
     }
 
-    /// Density per steradian with which [`Self::sample`] from `point` finds `hit` along `direction`.
+    /// Area [m²].
     #[inline]
-    pub fn pdf(&self, point: Vec3, direction: Vec3, hit: &super::LightHit) -> f64 {
-        match &self.emitter {
-            Emitter::Triangles { .. } => {
-                let cos = -f64::from(direction.dot(hit.normal));
-                let d2 = f64::from((hit.position - point).length_squared());
-                if cos > 0.0 { d2 / (cos * self.emitter.area()) } else { 0.0 }
-            }
-            Emitter::Sphere(sphere) => {
-                let d2 = (sphere.center.as_dvec3() - point.as_dvec3()).length_squared();
-                let sin2 = f64::from(sphere.radius).powi(2) / d2;
-                if sin2 >= 1.0 { 0.0 } else { (1.0 + (1.0 - sin2).sqrt()) / (2.0 * PI * sin2) }
-            }
-        }
+    pub fn area(&self) -> f64 {
+        self.area
     }
 
-    /// A point of the surface, uniform by area for triangles and by solid angle for a sphere seen from outside.
+    /// Radiance [W/(m² sr)] averaged over the surface.
+    pub fn mean_radiance(&self) -> Rgb {
+        self.mean
+    }
+
+    /// Power [W]: pi times the integral of the radiance over the surface.
+    pub fn power(&self) -> Rgb {
+        self.mean * (PI * self.area)
+    }
+
+    /// A point of the surface: by the power of its parts for triangles, by solid angle for a sphere seen from outside.
     #[inline]
     pub fn sample(&self, point: Vec3, u: Vec2) -> Option<LightSample> {
         match &self.emitter {
-            Emitter::Triangles { corners, running_area, .. } => self.sample_triangles(point, u, corners, running_area),
+            Emitter::Triangles { corners, uvs, .. } => self.sample_triangles(point, u, corners, uvs),
             Emitter::Sphere(sphere) => self.sample_sphere(point, u, sphere),
         }
     }
 
-    fn sample_triangles(&self, point: Vec3, mut u: Vec2, corners: &[[Vec3; 3]], running_area: &[f64]) -> Option<LightSample> {
-        let area = *running_area.last()?;
-        let index = if corners.len() == 1 {
+    /// Density per steradian with which [`AreaLight::sample`] from `point` finds the direction that meets this light at `hit`.
+    #[inline]
+    pub fn pdf(&self, point: Vec3, direction: Vec3, hit: &LightHit) -> f64 {
+        match &self.emitter {
+            Emitter::Triangles { corners, .. } => {
+                let Some(&[a, b, c]) = corners.get(hit.primitive as usize) else { return 0.0 };
+                let vector = triangle::area_vector(a, b, c);
+                let area = vector.length();
+                let cos = -direction.as_dvec3().dot(vector) / area;
+                if cos <= 0.0 {
+                    return 0.0;
+                }
+                let cell = if self.cells.per_edge == 1 { 0 } else { self.cells.index_of(weights_at(hit.position, [a, b, c])) };
+                let d2 = (hit.position - point).as_dvec3().length_squared();
+                d2 / cos * self.density(hit.primitive as usize * self.cells.count() + cell, area)
+            }
+            Emitter::Sphere(sphere) => {
+                if direction.dot(hit.normal) >= 0.0 {
+                    return 0.0;
+                }
+                one_minus_cos(point, sphere).map_or(0.0, |k| 1.0 / (2.0 * PI * k))
+            }
+        }
+    }
+
+    /// Density per area [1/m²] of points in a cell of a triangle of the given area.
+    #[inline]
+    fn density(&self, cell: usize, triangle_area: f64) -> f64 {
+        let before = if cell == 0 { 0.0 } else { self.running[cell - 1] };
+        let total = self.running.last().copied().unwrap_or(0.0);
+        (self.running[cell] - before) * self.cells.count() as f64 / (total * triangle_area)
+    }
+
+    fn sample_triangles(&self, point: Vec3, mut u: Vec2, corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]]) -> Option<LightSample> {
+        let total = *self.running.last()?;
+        let cell = if self.running.len() == 1 {
             0
         } else {
-            // The first number chooses the triangle and, stretched again, serves inside it.
-            let target = f64::from(u.x) * area;
-            let i = running_area.partition_point(|&a| a <= target).min(corners.len() - 1);
-            let before = if i == 0 { 0.0 } else { running_area[i - 1] };
-            u.x = (((target - before) / (running_area[i] - before)) as f32).clamp(0.0, 1.0 - f32::EPSILON);
+            // The first number chooses the cell and, stretched again, serves inside it.
+            let target = f64::from(u.x) * total;
+            let i = self.running.partition_point(|&r| r <= target).min(self.running.len() - 1);
+            let before = if i == 0 { 0.0 } else { self.running[i - 1] };
+            u.x = (((target - before) / (self.running[i] - before)) as f32).clamp(0.0, 1.0 - f32::EPSILON);
             i
         };
+        let index = cell / self.cells.count();
         let [a, b, c] = corners[index];
-        let w = warp::triangle(u);
-        let position = a + (b - a) * w.x + (c - a) * w.y;
+        let w = self.cells.inside(cell % self.cells.count(), warp::triangle(u));
+        let position = (a.as_dvec3() * (1.0 - w.x - w.y) + b.as_dvec3() * w.x + c.as_dvec3() * w.y).as_vec3();
         let to_light = (position - point).as_dvec3();
         let d2 = to_light.length_squared();
         let direction = to_light / d2.sqrt();
-        let n = triangle::area_vector(a, b, c).normalize_or_zero();
+        let vector = triangle::area_vector(a, b, c);
+        let area = vector.length();
+        let n = vector / area;
         let cos = -direction.dot(n);
         if cos <= 0.0 || d2 == 0.0 {
             return None;
         }
-        let pdf = d2 / (cos * area);
+        let pdf = d2 / cos * self.density(cell, area);
         // The target is moved off the lamp, towards the receiver, so that the lamp does not shadow itself; its interpolation
         // in f32 costs as much again as leaving a surface.
         let error = Vec3::splat(2.0 * triangle::leaving_error(a, b, c));
-        let position = offset_origin(position, error, n.as_vec3(), -direction.as_vec3());
-        Some(LightSample { target: Some(position), direction: direction.as_vec3(), irradiance: self.radiance / pdf, pdf })
+        let target = offset_origin(position, error, n.as_vec3(), -direction.as_vec3());
+        let radiance = match &self.radiance {
+            Texture::Constant(value) => *value,
+            texture => texture.at(Emitter::uv(uvs, index, w)),
+        };
+        Some(LightSample { target: Some(target), direction: direction.as_vec3(), irradiance: radiance / pdf, pdf })
     }
 
     fn sample_sphere(&self, point: Vec3, u: Vec2, sphere: &Sphere) -> Option<LightSample> {
+        // Uniform in the cone that the sphere subtends (Shirley, Wang and Zimmerman 1996).
+        let one_minus_cos = one_minus_cos(point, sphere)?;
         let to_center = sphere.center.as_dvec3() - point.as_dvec3();
         let (d2, r2) = (to_center.length_squared(), f64::from(sphere.radius) * f64::from(sphere.radius));
-        if d2 <= r2 {
-            return None;
-        }
-        // Uniform in the cone that the sphere subtends (Shirley, Wang and Zimmerman 1996).
-        let sin2 = r2 / d2;
-        let one_minus_cos = sin2 / (1.0 + (1.0 - sin2).sqrt());
         let axis = (to_center / d2.sqrt()).as_vec3();
         let direction = Frame::new(axis).to_world(warp::cone(u, one_minus_cos as f32));
         let along = to_center.dot(direction.as_dvec3());
         let half_chord = (r2 - (d2 - along * along)).max(0.0).sqrt();
         let position = (point.as_dvec3() + direction.as_dvec3() * (along - half_chord)).as_vec3();
+        let normal = sphere.normal(position);
         let error = Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * SPHERE_ERROR);
-        let position = offset_origin(position, error, sphere.normal(position), -direction);
+        let target = offset_origin(position, error, normal, -direction);
         let pdf = 1.0 / (2.0 * PI * one_minus_cos);
-        Some(LightSample { target: Some(position), direction, irradiance: self.radiance / pdf, pdf })
+        Some(LightSample { target: Some(target), direction, irradiance: self.radiance.at(sphere.uv(normal)) / pdf, pdf })
     }
 
     /// Rough unoccluded irradiance; an upper bound on the receiver's cosine keeps it positive wherever light can arrive.
@@ -154,8 +232,73 @@ impl AreaLight {
         let distance = to_light.length().max(radius);
         // Largest cosine of any point of the bounding ball; at least a little, since the ball is rough.
         let cos = ((to_light.dot(n) + radius) / distance).clamp(0.0, 1.0);
-        self.radiance.luminance() * self.emitter.area() * f64::from(cos) / f64::from(distance * distance)
+        self.mean.luminance() * self.area * f64::from(cos) / f64::from(distance * distance)
     }
+}
+
+/// 1 - cos of half the angle that a sphere subtends; `None` from inside.
+#[inline]
+fn one_minus_cos(point: Vec3, sphere: &Sphere) -> Option<f64> {
+    let d2 = (sphere.center.as_dvec3() - point.as_dvec3()).length_squared();
+    let r2 = f64::from(sphere.radius) * f64::from(sphere.radius);
+    let sin2 = r2 / d2;
+    (d2 > r2).then(|| sin2 / (1.0 + (1.0 - sin2).sqrt()))
+}
+
+/// Barycentric weights of the second and third corner at a point of a triangle.
+fn weights_at(position: Vec3, [a, b, c]: [Vec3; 3]) -> DVec2 {
+    let (e1, e2, p) = ((b - a).as_dvec3(), (c - a).as_dvec3(), (position - a).as_dvec3());
+    let n = e1.cross(e2);
+    DVec2::new(p.cross(e2).dot(n), e1.cross(p).dot(n)) / n.length_squared()
+}
+
+/// Cells of textured triangles, their mean radiance, and the running sum of the weights by which they are chosen.
+fn measure(corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]], texture: &Texture, area: f64) -> (Cells, Rgb, Vec<f64>) {
+    let texels = match texture {
+        Texture::Bitmap(bitmap) => Vec2::new(bitmap.width as f32, bitmap.height as f32),
+        Texture::Constant(_) => Vec2::ONE,
+    };
+    // Texels along the longest edge of any triangle.
+    let longest = (0..corners.len()).map(|i| {
+        let [a, b, c] = [DVec2::ZERO, DVec2::X, DVec2::Y].map(|w| Emitter::uv(uvs, i, w) * texels);
+        (b - a).length().max((c - b).length()).max((a - c).length())
+    });
+    let longest = (longest.fold(1.0, f32::max).min(1e6) as usize).max(1);
+    let affordable = |most: usize| ((most / corners.len().max(1)) as f64).sqrt() as usize;
+    let cells = Cells { per_edge: longest.min(MOST_PER_EDGE).min(affordable(MOST_CELLS)).max(1) };
+    // Points at half a texel's distance: the filter is linear between texels.
+    let wanted = (2 * longest).div_ceil(cells.per_edge);
+    let points = Cells { per_edge: wanted.min(affordable(MOST_LOOKUPS) / cells.per_edge).max(2) };
+    let radiance_of = |triangle: usize, cell: usize| {
+        let values = (0..points.count()).map(|k| {
+            let w = cells.inside(cell, points.middle(k).as_vec2());
+            texture.at(Emitter::uv(uvs, triangle, w))
+        });
+        values.sum::<Rgb>() / points.count() as f64
+    };
+    let n = cells.count();
+    let cell_area: Vec<f64> = corners.iter().map(|&[a, b, c]| triangle::area_vector(a, b, c).length() / n as f64).collect();
+    let radiance: Vec<Rgb> = (0..corners.len() * n).map(|i| radiance_of(i / n, i % n)).collect();
+    let mean: Rgb = radiance.iter().enumerate().map(|(i, l)| *l * (cell_area[i / n] / area)).sum();
+    let least = LEAST_SHARE * mean.luminance();
+    let mut sum = CompensatedSum::default();
+    let running = radiance.iter().enumerate().map(|(i, l)| {
+        // A texture that is black wherever it was looked up is sampled evenly.
+        sum.add(cell_area[i / n] * if least > 0.0 { l.luminance().max(least) } else { 1.0 });
+        sum.value()
+    });
+    (cells, mean, running.collect())
+}
+
+/// Mean of a texture over the surface of a sphere: midpoints in azimuth and in the cosine of the polar angle.
+fn mean_over_sphere(texture: &Texture) -> Rgb {
+    if let Texture::Constant(value) = texture {
+        return *value;
+    }
+    let at = |i: usize| (i as f32 + 0.5) / SPHERE_GRID as f32;
+    let v = |i: usize| (1.0 - 2.0 * at(i)).acos() / std::f32::consts::PI;
+    let n = SPHERE_GRID * SPHERE_GRID;
+    (0..n).map(|k| texture.at(Vec2::new(at(k % SPHERE_GRID), v(k / SPHERE_GRID)))).sum::<Rgb>() / n as f64
 }
 
 #[cfg(test)]
@@ -175,7 +318,7 @@ mod tests {
         let p = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(|(x, y)| Vec3::new(x, y, z));
         let triangles = if facing_down { vec![[0, 2, 1], [0, 3, 2]] } else { vec![[0, 1, 2], [0, 2, 3]] };
         let mesh = Mesh { positions: p.to_vec(), triangles, ..Mesh::default() };
-        AreaLight { shape: 0, radiance: Rgb::WHITE, emitter: Emitter::of_mesh(&mesh) }
+        AreaLight::new(0, Texture::Constant(Rgb::WHITE), Emitter::of_mesh(&mesh))
     }
 
     #[test]
@@ -194,7 +337,7 @@ mod tests {
     fn a_sphere_light_gives_its_closed_form_even_below_the_horizon() {
         // physical_checks.csv sphere_d2_r1_t*: L = 1, d = 2, r = 1.
         let sphere = Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius: 1.0 };
-        let light = AreaLight { shape: 0, radiance: Rgb::WHITE, emitter: Emitter::Sphere(sphere) };
+        let light = AreaLight::new(0, Texture::Constant(Rgb::WHITE), Emitter::Sphere(sphere));
         for (theta, want) in [(0.0_f32, PI / 4.0), (45.0, 0.555_360_367), (75.0, 0.221_200_88), (110.0, 0.006_753_066)] {
             let (s, c) = theta.to_radians().sin_cos();
             let got = irradiance(&light, Vec3::ZERO, Vec3::new(s, 0.0, c), 128);

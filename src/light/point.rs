@@ -14,17 +14,17 @@ pub struct PointLight {
 }
 
 impl PointLight {
-    /// The one direction to the light.
+    /// The one direction to the light; `None` at the light itself.
     #[inline]
-    pub fn sample(&self, point: Vec3) -> LightSample {
+    pub fn sample(&self, point: Vec3) -> Option<LightSample> {
         let to_light = (self.position - point).as_dvec3();
         let d2 = to_light.length_squared();
-        LightSample {
+        (d2 > 0.0).then(|| LightSample {
             target: Some(self.position),
             direction: (to_light / d2.sqrt()).as_vec3(),
             irradiance: self.intensity / d2,
             pdf: f64::INFINITY,
-        }
+        })
     }
 
     /// Power [W]: 4 pi I.
@@ -37,7 +37,7 @@ impl PointLight {
     pub fn importance(&self, point: Vec3, n: Vec3) -> f64 {
         let to_light = (self.position - point).as_dvec3();
         let d2 = to_light.length_squared();
-        self.intensity.luminance() * (to_light.dot(n.as_dvec3()) / d2.sqrt()).max(0.0) / d2
+        if d2 == 0.0 { 0.0 } else { self.intensity.luminance() * (to_light.dot(n.as_dvec3()) / d2.sqrt()).max(0.0) / d2 }
     }
 }
 
@@ -50,7 +50,7 @@ mod tests {
         let light = PointLight { position: Vec3::new(0.0, 0.0, 1.0), intensity: Rgb::WHITE };
         for (degrees, want) in [(0.0_f64, 1.0), (30.0, 0.649_519_053), (60.0, 0.125), (85.0, 0.000_662_046)] {
             let p = Vec3::new(degrees.to_radians().tan() as f32, 0.0, 0.0);
-            let s = light.sample(p);
+            let s = light.sample(p).expect("apart");
             let e = s.irradiance.r * f64::from(s.direction.z);
             assert!((e / want - 1.0).abs() < 1e-5, "{degrees} degrees: {e}, expected {want}");
         }

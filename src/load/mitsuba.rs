@@ -5,9 +5,9 @@ use super::files::Files;
 use super::object::{Class, Ids, Object};
 use super::shapes::PendingShape;
 use super::textures::{self, Pictures};
+use crate::light::Environment;
 use crate::material::{MaterialId, Surface};
-use crate::math::{DVec3, Rgb};
-use crate::scene::SceneSource;
+use crate::scene::{LightSource, SceneSource};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -26,8 +26,8 @@ pub(super) struct Loader<'a> {
     /// Materials of shapes without one: not emitting, emitting.
     pub default_materials: [Option<MaterialId>; 2],
     pub pictures: Pictures,
-    pub point_lights: Vec<(DVec3, Rgb)>,
-    pub environment: Option<Rgb>,
+    pub lights: Vec<LightSource>,
+    pub environment: Option<Environment>,
     pub made_ids: u32,
 }
 
@@ -49,7 +49,7 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         building: Vec::new(),
         default_materials: [None; 2],
         pictures: textures::decode_all(root, files),
-        point_lights: Vec::new(),
+        lights: Vec::new(),
         environment: None,
         made_ids: 0,
     };
@@ -83,8 +83,8 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         film,
         shapes: shapes.into_iter().collect::<Result<_, _>>()?,
         materials: loader.surfaces,
-        point_lights: loader.point_lights,
-        environment: loader.environment.unwrap_or(Rgb::BLACK),
+        lights: loader.lights,
+        environment: loader.environment,
         warnings: loader.warnings,
     };
     Ok(Parts { source, places })

@@ -8,7 +8,7 @@ use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object};
 use super::{obj, ply};
 use crate::geometry::tessellate::{self, Triangles};
-use crate::material::MaterialId;
+use crate::material::{MaterialId, Texture};
 use crate::math::{DAffine3, DVec3, Rgb};
 use crate::scene::{ShapeSource, SurfaceSource};
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ pub(super) struct PendingShape {
     pub id: String,
     pub place: Place,
     material: MaterialId,
-    emission: Rgb,
+    emission: Texture,
     geometry: Geometry,
 }
 
@@ -67,7 +67,7 @@ impl<'a> Loader<'a> {
             _ => return Err(unknown_plugin(shape, &["obj", "ply", "rectangle", "cube", "sphere", "disk"])),
         };
         let emitter = shape.child(self.ids, Class::EMITTER)?;
-        let emission = emitter.map_or(Ok(Rgb::BLACK), |e| self.area_radiance(e))?;
+        let emission = emitter.map_or(Ok(Texture::Constant(Rgb::BLACK)), |e| self.area_radiance(e))?;
         let material = match shape.child(self.ids, Class::BSDF)? {
             Some(bsdf) => self.material(bsdf, &format!("bsdf of {id}"))?,
             None => self.default_material(emitter.is_some()),

@@ -53,6 +53,12 @@ pub fn cone(u: Vec2, one_minus_cos_max: f32) -> Vec3 {
     Vec3::new(sin * c, sin * s, cos)
 }
 
+/// Uniform direction of the sphere, with density 1/(4 pi) per steradian.
+#[inline]
+pub fn sphere(u: Vec2) -> Vec3 {
+    cone(u, 2.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,9 +3,10 @@
 use super::{Camera, FilmSettings, Scene, Shape, ShapeSurface};
 use crate::geometry::tessellate::Triangles;
 use crate::geometry::{Mesh, Sphere, triangle};
-use crate::light::{AreaLight, Emitter, Light, PointLight};
-use crate::material::{MaterialId, Surface};
+use crate::light::{AreaLight, DirectionalLight, Emitter, Environment, Light, PointLight, SpotLight};
+use crate::material::{MaterialId, Surface, Texture};
 use crate::math::{DVec3, Rgb, Vec3};
+use std::sync::Arc;
 
 /// A scene as read, before checking and recentring.
 #[derive(Debug, Clone)]
@@ -20,12 +21,60 @@ pub struct SceneSource {
     pub shapes: Vec<ShapeSource>,
     /// Materials.
     pub materials: Vec<Surface>,
-    /// Position in file coordinates and intensity [W/sr] of each point light.
-    pub point_lights: Vec<(DVec3, Rgb)>,
-    /// Radiance of a uniform surrounding.
-    pub environment: Rgb,
+    /// Lights without a shape.
+    pub lights: Vec<LightSource>,
+    /// What surrounds the scene.
+    pub environment: Option<Environment>,
     /// What the reader wants the user to know.
     pub warnings: Vec<String>,
+}
+
+/// A light without a shape as read, in file coordinates.
+#[derive(Debug, Clone, Copy)]
+pub enum LightSource {
+    /// A point that shines everywhere alike.
+    Point {
+        /// Where it is.
+        position: DVec3,
+        /// Intensity [W/sr].
+        intensity: Rgb,
+    },
+    /// A point that shines into a cone; see [`SpotLight`].
+    Spot {
+        /// Where it is.
+        position: DVec3,
+        /// Unit direction in which it shines.
+        axis: DVec3,
+        /// Intensity inside the inner cone [W/sr].
+        intensity: Rgb,
+        /// Angle from the axis beyond which it is dark [radians].
+        cutoff: f64,
+        /// Angle from the axis up to which the intensity is full [radians].
+        beam_width: f64,
+    },
+    /// Parallel light.
+    Directional {
+        /// Unit direction in which it travels.
+        direction: DVec3,
+        /// Irradiance on a surface that faces it [W/m²].
+        irradiance: Rgb,
+    },
+}
+
+impl LightSource {
+    fn place(&self, origin: DVec3) -> Light {
+        match *self {
+            LightSource::Point { position, intensity } => {
+                Light::Point(PointLight { position: (position - origin).as_vec3(), intensity })
+            }
+            LightSource::Spot { position, axis, intensity, cutoff, beam_width } => {
+                Light::Spot(SpotLight { position: (position - origin).as_vec3(), axis, intensity, cutoff, beam_width })
+            }
+            LightSource::Directional { direction, irradiance } => {
+                Light::Directional(DirectionalLight { direction: direction.as_vec3(), irradiance })
+            }
+        }
+    }
 }
 
 /// A shape as read.
@@ -37,8 +86,8 @@ pub struct ShapeSource {
     pub surface: SurfaceSource,
     /// Material.
     pub material: MaterialId,
-    /// Emitted radiance; black: none.
-    pub emission: Rgb,
+    /// Emitted radiance [W/(m² sr)]; constant black: none.
+    pub emission: Texture,
 }
 
 /// Geometry as read, in file coordinates.
@@ -122,14 +171,13 @@ impl Scene {
                 ShapeSurface::Mesh(mesh) => Emitter::of_mesh(mesh),
                 ShapeSurface::Sphere(sphere) => Emitter::Sphere(*sphere),
             };
-            (emitter.area() > 0.0).then_some(Light::Area(AreaLight { shape: i as u32, radiance: s.emission.mean(), emitter }))
+            (emitter.area() > 0.0).then(|| Light::Area(AreaLight::new(i as u32, s.emission.clone(), emitter)))
         });
-        let points = source
-            .point_lights
-            .iter()
-            .map(|(p, intensity)| Light::Point(PointLight { position: (*p - origin).as_vec3(), intensity: *intensity }));
-        let lights: Vec<Light> = area_lights.chain(points).collect();
-        if lights.iter().all(|l| l.power().is_black()) && source.environment.is_black() {
+        let environment = source.environment.filter(|e| !e.mean().is_black()).map(Arc::new);
+        let others = source.lights.iter().map(|light| light.place(origin));
+        let map = environment.iter().filter(|e| !e.is_uniform()).map(|e| Light::Environment(Arc::clone(e)));
+        let lights: Vec<Light> = area_lights.chain(others).chain(map).collect();
+        if environment.is_none() && lights.iter().all(Light::is_dark) {
             warnings.push("the scene has no light: the picture will be black".to_owned());
         }
         Ok(Scene {
@@ -140,8 +188,7 @@ impl Scene {
             shapes,
             materials: source.materials,
             lights,
-            environment: (!source.environment.is_black())
-                .then(|| std::sync::Arc::new(crate::light::Environment { uniform: source.environment })),
+            environment,
             dropped_triangles,
             warnings,
         })
@@ -198,5 +245,7 @@ fn place(shape: ShapeSource, origin: DVec3, dropped_triangles: &mut usize, warni
             ShapeSurface::Mesh(Mesh { positions, normals, uvs: t.uvs, triangles })
         }
     };
-    Shape { id: shape.id, surface, material: shape.material, emission: crate::material::Texture::Constant(shape.emission) }
+    let is_black = matches!(&shape.emission, Texture::Bitmap(b) if b.texels.iter().all(|t| *t == [0.0; 3]));
+    let emission = if is_black { Texture::Constant(Rgb::BLACK) } else { shape.emission };
+    Shape { id: shape.id, surface, material: shape.material, emission }
 }

@@ -3,7 +3,7 @@
 pub mod build;
 pub mod camera;
 
-pub use build::{SceneError, SceneSource, ShapeSource, SurfaceSource};
+pub use build::{LightSource, SceneError, SceneSource, ShapeSource, SurfaceSource};
 pub use camera::Camera;
 
 use crate::geometry::{Mesh, Sphere};
@@ -27,9 +27,10 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Materials; shapes refer to them.
     pub materials: Vec<Surface>,
-    /// Lights that can be sampled from a point: emitting shapes in shape order, then point lights.
+    /// Lights that can be sampled from a point: emitting shapes in shape order, then those without a shape, last the surroundings
+    /// unless they are uniform: those are found best by rays that gather.
     pub lights: Vec<Light>,
-    /// What surrounds the scene.
+    /// What surrounds the scene; `None`: darkness.
     pub environment: Option<Arc<Environment>>,
     /// Triangles without area that were left out.
     pub dropped_triangles: usize,
@@ -59,7 +60,7 @@ pub struct Shape {
     pub surface: ShapeSurface,
     /// Its material.
     pub material: MaterialId,
-    /// Radiance emitted from the normal side [W/(m² sr)]; black if it does not emit.
+    /// Radiance emitted from the normal side [W/(m² sr)] by texture coordinates; constant black if it does not emit.
     pub emission: Texture,
 }
 
@@ -73,24 +74,28 @@ pub enum ShapeSurface {
 }
 
 impl Shape {
-    /// True if it emits.
-    #[inline]
-    pub fn emits(&self) -> bool {
-        !self.emission.mean().is_black()
-    }
-
-    /// Radiance emitted from the normal side at texture coordinates `uv` [W/(m² sr)].
-    #[inline]
-    pub fn emitted(&self, uv: Vec2) -> Rgb {
-        self.emission.at(uv)
-    }
-
     /// Area [m²].
     pub fn area(&self) -> f64 {
         match &self.surface {
             ShapeSurface::Mesh(mesh) => mesh.area(),
             ShapeSurface::Sphere(sphere) => sphere.area(),
         }
+    }
+
+    /// True if some of it emits.
+    #[inline]
+    pub fn emits(&self) -> bool {
+        match &self.emission {
+            Texture::Constant(radiance) => !radiance.is_black(),
+            // A bitmap that is black everywhere became a constant when the scene was made.
+            Texture::Bitmap(_) => true,
+        }
+    }
+
+    /// Radiance emitted from the normal side at texture coordinates `uv` [W/(m² sr)].
+    #[inline]
+    pub fn emitted(&self, uv: Vec2) -> Rgb {
+        self.emission.at(uv)
     }
 }
 
@@ -99,12 +104,6 @@ impl Scene {
     #[inline]
     pub fn material_of(&self, shape: &Shape) -> &Surface {
         &self.materials[shape.material.0 as usize]
-    }
-
-    /// Radiance that arrives from outside along `direction`, which points away from the scene [W/(m² sr)].
-    #[inline]
-    pub fn escaped_radiance(&self, direction: Vec3) -> Rgb {
-        self.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
     }
 
     /// Number of triangles.
@@ -123,8 +122,14 @@ impl Scene {
         self.shapes.iter().filter(|s| matches!(s.surface, ShapeSurface::Sphere(_))).count()
     }
 
-    /// Total power of all lights [W]; a uniform surrounding has none of its own.
+    /// Total power of all lights [W]; suns and surroundings have none of their own.
     pub fn power(&self) -> Rgb {
         self.lights.iter().map(Light::power).sum()
+    }
+
+    /// Radiance [W/(m² sr)] that arrives from outside along the unit vector `direction`; black without surroundings.
+    #[inline]
+    pub fn escaped_radiance(&self, direction: Vec3) -> Rgb {
+        self.environment.as_ref().map_or(Rgb::BLACK, |e| e.radiance(direction))
     }
 }

@@ -192,8 +192,7 @@ impl World {
         let sphere = self.soup.spheres[primitive as usize - self.soup.triangles.len()];
         let point = (sphere.center.as_dvec3() + n.as_dvec3() * f64::from(sphere.radius)).as_vec3();
         let error = Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * POINT_ERROR);
-        let phi = n.y.atan2(n.x).rem_euclid(std::f32::consts::TAU);
-        let uv = Vec2::new(phi / std::f32::consts::TAU, n.z.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
+        let uv = sphere.uv(n);
         let place = (f64::from(uv.x), f64::from(n.z));
         let shape = self.shape_index(primitive) as u32;
         let mut si = SurfaceInteraction::new(point, error, n, n, uv, place, shape, primitive, wo);

@@ -13,7 +13,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("film", &[]),
     ("accel", &["geometry"]),
     ("material", &["geometry", "film"]),
-    ("light", &["geometry", "film"]),
+    ("light", &["geometry", "film", "material"]),
     ("scene", &["geometry", "material", "light", "film"]),
     ("load", &["scene", "geometry", "material", "light", "film"]),
     ("world", &["scene", "accel", "geometry", "material", "light", "film"]),

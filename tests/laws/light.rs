@@ -221,7 +221,7 @@ fn no_light_comes_through_the_back_of_a_face_with_bent_normals() {
     let image = run(room.scene(), &settings).film.image();
     assert!(image.pixels().iter().all(|p| *p == [0.0; 3]), "light from behind shows on the front");
     // The same lamp above the face does light it.
-    room.source.point_lights.clear();
+    room.source.lights.clear();
     room.point_light(DVec3::new(3.0, 0.0, 0.5), 10.0);
     let lit = run(room.scene(), &settings).film.image();
     assert!(lit.pixels().iter().any(|p| p[0] > 0.0), "nothing shows at all");

@@ -37,7 +37,7 @@ fn a_uniform_spectrum_is_grey_as_reflectance_and_equal_energy_white_as_radiance(
         <shape type='rectangle'><ref id='a'/><emitter type='area'><spectrum name='radiance' value='2'/></emitter></shape>";
     let scene = scene(body);
     assert_eq!(reflectance(&scene, 0.0, 0.0), Rgb::grey(0.25));
-    close(scene.shapes[0].emission.mean(), [2.0 * 1.205, 2.0 * 0.948, 2.0 * 0.909], 1.1e-3);
+    close(scene.shapes[0].emitted(Vec2::ZERO), [2.0 * 1.205, 2.0 * 0.948, 2.0 * 0.909], 1.1e-3);
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn shapes_without_a_material_are_grey_or_black_if_they_emit() {
     let rho = |shape: &Shape| scene.material_of(shape).material.diffuse_reflectance(Vec2::ZERO);
     assert_eq!(rho(&scene.shapes[0]), Rgb::grey(0.5));
     assert_eq!(rho(&scene.shapes[1]), Rgb::BLACK);
-    assert_eq!(scene.shapes[1].emission.mean(), Rgb::WHITE);
+    assert_eq!(scene.shapes[1].emitted(Vec2::ZERO), Rgb::WHITE);
 }
 
 #[test]
@@ -173,11 +173,12 @@ fn lights_are_where_the_file_says() {
     assert_eq!(light.intensity, Rgb::grey(4.0));
     let twopass::light::Light::Point(light) = &scene.lights[1] else { panic!("a point light") };
     assert_eq!(light.position.as_dvec3() + scene.origin, DVec3::new(5.0, 0.0, 0.0));
-    assert_eq!(scene.escaped_radiance(Vec3::Y), Rgb::grey(0.5));
+    assert_eq!(scene.escaped_radiance(Vec3::X), Rgb::grey(0.5));
+    assert_eq!(scene.lights.len(), 2, "a uniform surrounding is not sampled");
 }
 
 #[test]
-fn an_environment_map_becomes_its_mean_over_the_sphere() {
+fn the_mean_of_an_environment_map_is_over_the_sphere() {
     // Rows at theta = pi r/16; only the middle one shines. The mean of a hat of width h about the equator is (1 - cos h)/h.
     let write = |f: fn(usize) -> f32| {
         let folder = TempDir::new().expect("a folder");
@@ -186,7 +187,7 @@ fn an_environment_map_becomes_its_mean_over_the_sphere() {
         std::fs::read(path).expect("read back")
     };
     let body = "<emitter type='envmap'><string name='filename' value='e.exr'/><float name='scale' value='3'/></emitter>";
-    let mean = |image: &[u8]| Fixture::new(body).with("e.exr", image).scene().escaped_radiance(Vec3::Y);
+    let mean = |image: &[u8]| Fixture::new(body).with("e.exr", image).scene().environment.expect("a map").mean();
     let h = std::f64::consts::PI / 16.0;
     let belt = 3.0 * (1.0 - h.cos()) / h;
     close(mean(&write(|_| 1.0)), [3.0, 6.0, 0.0], 1e-6);
@@ -213,12 +214,13 @@ fn textures_of_one_file_are_decoded_once() {
 }
 
 #[test]
-fn textures_may_be_referred_to_and_emitting_ones_are_averaged() {
+fn textures_may_be_referred_to_and_may_emit() {
     let body = "<texture type='checkerboard' id='t'><rgb name='color0' value='1'/><rgb name='color1' value='0'/></texture>
         <bsdf type='diffuse' id='a'><ref name='reflectance' id='t'/></bsdf>
         <shape type='rectangle'><ref id='a'/><emitter type='area' id='lamp'><ref name='radiance' id='t'/></emitter></shape>";
     let scene = scene(body);
     assert_eq!(reflectance(&scene, 0.1, 0.1), Rgb::WHITE);
-    assert_eq!(scene.shapes[0].emission.mean(), Rgb::grey(0.5));
-    assert!(scene.warnings.iter().any(|w| w.contains("lamp")), "{:?}", scene.warnings);
+    assert_eq!(scene.shapes[0].emitted(Vec2::new(0.1, 0.1)), Rgb::WHITE);
+    assert_eq!(scene.shapes[0].emitted(Vec2::new(0.1, 0.9)), Rgb::BLACK);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
 }

@@ -8,7 +8,7 @@ use twopass::pipeline::{RenderSettings, Rendered, render};
 use twopass::progress::silent;
 use twopass::run_report::process_cpu_seconds;
 use twopass::scene::camera::FovAxis;
-use twopass::scene::{Camera, FilmSettings, Scene, SceneSource, ShapeSource, SurfaceSource};
+use twopass::scene::{Camera, FilmSettings, LightSource, Scene, SceneSource, ShapeSource, SurfaceSource};
 
 /// A scene under construction.
 pub struct Room {
@@ -36,8 +36,8 @@ impl Room {
             film,
             shapes: Vec::new(),
             materials: Vec::new(),
-            point_lights: Vec::new(),
-            environment: Rgb::BLACK,
+            lights: Vec::new(),
+            environment: None,
             warnings: Vec::new(),
         };
         Room { source }
@@ -62,7 +62,7 @@ impl Room {
 
     pub fn add(&mut self, surface: SurfaceSource, material: MaterialId, emission: f64) {
         let id = format!("shape{}", self.source.shapes.len());
-        self.source.shapes.push(ShapeSource { id, surface, material, emission: Rgb::grey(emission) });
+        self.source.shapes.push(ShapeSource { id, surface, material, emission: Texture::Constant(Rgb::grey(emission)) });
     }
 
     /// A quadrilateral by a corner and two edges; its normal is `e1 x e2`.
@@ -87,7 +87,7 @@ impl Room {
     }
 
     pub fn point_light(&mut self, position: DVec3, intensity: f64) {
-        self.source.point_lights.push((position, Rgb::grey(intensity)));
+        self.source.lights.push(LightSource::Point { position, intensity: Rgb::grey(intensity) });
     }
 
     pub fn scene(&self) -> Scene {
