@@ -98,7 +98,7 @@ impl World {
         let mut share = Rgb::WHITE;
         for _ in 0..MOST_PLATES {
             let Some(si) = self.intersect(&ray) else { return share };
-            let thin = self.scene.material_of(&self.scene.shapes[si.shape as usize]).material.is_thin();
+            let thin = self.scene.material_of(&self.scene.shapes[si.shape as usize]).material.passes_straight();
             let lobes = thin.then(|| self.lobes_at(&si)).flatten();
             let Some(through) = lobes.and_then(|(lobes, _)| lobes.iter().find(|l| l.transmits).copied()) else {
                 return Rgb::BLACK;

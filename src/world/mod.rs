@@ -74,7 +74,7 @@ impl World {
             let shape = &mut shape_bounds[shape as usize];
             *shape = shape.union(soup.bounds_of(primitive as u32));
         }
-        let has_thin = scene.shapes.iter().any(|s| scene.material_of(s).material.is_thin());
+        let has_thin = scene.shapes.iter().any(|s| scene.material_of(s).material.passes_straight());
         let soup = Arc::new(soup);
         let accel = accel::build(Arc::clone(&soup), kind)?;
         Ok(World { scene, soup, accel, partition, shape_of_primitive, first_primitive, bounds, shape_bounds, has_thin })

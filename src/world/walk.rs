@@ -118,7 +118,7 @@ impl World {
             throughput *= lobe.weight / probability;
             survival *= lobe.power / probability;
             through += 1;
-            straight &= lobe.transmits && surface.material.is_thin();
+            straight &= lobe.transmits && surface.material.passes_straight();
             if through >= max_events.min(LONGEST) {
                 counts.truncated += 1;
                 visit(Event::Truncated { throughput });
@@ -161,7 +161,7 @@ impl World {
         } else if !si.front && !surface.two_sided {
             return None;
         }
-        Some((surface.material.lobes(wo), frame))
+        Some((surface.material.lobes(wo, si.uv), frame))
     }
 
     /// World direction of `lobe`; `None` if a shading normal would send it to the wrong side of the surface.
