@@ -256,6 +256,8 @@ fn weights_at(position: Vec3, [a, b, c]: [Vec3; 3]) -> DVec2 {
 fn measure(corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]], texture: &Texture, area: f64) -> (Cells, Rgb, Vec<f64>) {
     let texels = match texture {
         Texture::Bitmap(bitmap) => Vec2::new(bitmap.width as f32, bitmap.height as f32),
+        // Squares have no filter: their border is caught by many points.
+        Texture::Checkerboard(_) => Vec2::splat(64.0),
         Texture::Constant(_) => Vec2::ONE,
     };
     // Texels along the longest edge of any triangle.

@@ -5,12 +5,14 @@ use super::ior;
 use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object, Value};
 use super::textures::Use;
-use crate::material::plastic::{CoatedAlbedo, Distribution};
-use crate::material::{Material, MaterialId, Surface, Texture};
+use crate::material::plastic::Base;
+use crate::material::{
+    Distribution, Material, MaterialId, Plastic, Relief, RoughConductor, RoughDielectric, RoughPlastic, Surface, Texture,
+};
 use crate::math::Rgb;
 
 /// All that can be read.
-const KNOWN: [&str; 11] = [
+const KNOWN: [&str; 14] = [
     "diffuse",
     "conductor",
     "dielectric",
@@ -21,8 +23,29 @@ const KNOWN: [&str; 11] = [
     "roughconductor",
     "roughdielectric",
     "mask",
+    "blendbsdf",
+    "bumpmap",
+    "normalmap",
     "null",
 ];
+
+/// A material on its way to a [`Surface`].
+struct Built {
+    material: Material,
+    two_sided: bool,
+    relief: Option<Relief>,
+}
+
+impl Built {
+    fn one_sided(material: Material) -> Self {
+        Self { material, two_sided: false, relief: None }
+    }
+
+    /// The material for a place where the frame is not mirrored for a viewer below.
+    fn facing_both_ways(material: Material, two_sided: bool) -> Material {
+        if two_sided { Material::TwoSided(Box::new(material)) } else { material }
+    }
+}
 
 impl<'a> Loader<'a> {
     /// The material of a `<bsdf>`, made once however many shapes use it. `name` serves if it has no id.
@@ -30,13 +53,13 @@ impl<'a> Loader<'a> {
         if let Some(id) = self.material_of.get(&std::ptr::from_ref(object)) {
             return Ok(*id);
         }
-        let (material, two_sided) = self.bsdf(object, false)?;
+        let Built { material, two_sided, relief } = self.bsdf(object)?;
         let name = object.id.clone().unwrap_or_else(|| name.to_owned());
         let notes = std::mem::take(&mut self.notes);
         if !notes.is_empty() {
             self.warnings.push(format!("material \"{name}\": replaced {}", notes.join("; ")));
         }
-        let id = self.add_material(Surface { name, material, two_sided });
+        let id = self.add_material(Surface { name, material, two_sided, relief });
         self.material_of.insert(object, id);
         Ok(id)
     }
@@ -47,20 +70,22 @@ impl<'a> Loader<'a> {
         MaterialId(self.surfaces.len() as u32 - 1)
     }
 
-    fn bsdf(&mut self, object: &'a Object, two_sided: bool) -> Result<(Material, bool), LoadError> {
+    fn bsdf(&mut self, object: &'a Object) -> Result<Built, LoadError> {
         // A bsdf may refer to one that contains it.
         if self.building.contains(&std::ptr::from_ref(object)) {
             return Err(object.place.error(LoadErrorKind::Cycle { what: object.describe() }));
         }
         self.building.push(object);
-        let result = match object.plugin.as_str() {
+        let built = match object.plugin.as_str() {
             "twosided" => self.twosided(object)?,
             "mask" => self.mask(object)?,
-            _ => (self.simple(object)?, two_sided),
+            "blendbsdf" => self.blend(object)?,
+            "bumpmap" | "normalmap" => self.relief(object)?,
+            _ => Built::one_sided(self.simple(object)?),
         };
         object.finish()?;
         self.building.pop();
-        Ok(result)
+        Ok(built)
     }
 
     fn nested(&mut self, object: &'a Object) -> Result<&'a Object, LoadError> {
@@ -74,57 +99,123 @@ impl<'a> Loader<'a> {
         }
     }
 
-    fn twosided(&mut self, object: &'a Object) -> Result<(Material, bool), LoadError> {
+    fn twosided(&mut self, object: &'a Object) -> Result<Built, LoadError> {
         let nested = self.nested(object)?;
-        let (material, _) = self.bsdf(nested, true)?;
-        if material.is_transmissive() {
+        let built = self.bsdf(nested)?;
+        if built.material.is_transmissive() {
             let (expected, found) = ("an opaque bsdf in \"twosided\"".to_owned(), nested.describe());
             return Err(nested.place.error(LoadErrorKind::Malformed { expected, found }));
         }
-        Ok((material, true))
+        Ok(Built { two_sided: true, ..built })
     }
 
-    /// Opaque or absent, whichever is nearer to the mean opacity.
-    fn mask(&mut self, object: &'a Object) -> Result<(Material, bool), LoadError> {
+    fn mask(&mut self, object: &'a Object) -> Result<Built, LoadError> {
         let nested = self.nested(object)?;
         // An image's alpha channel plays no part: opacity is the luminance of its colours.
-        let opacity = self.texture(object, "opacity", 0.5)?.mean().luminance();
-        let inner = self.bsdf(nested, false)?;
-        let opaque = opacity >= 0.5;
-        if opacity != 1.0 {
-            let form = if opaque { "an opaque surface" } else { "nothing at all" };
-            self.note(format!("mask of mean opacity {opacity:.2} by {form}"));
+        let opacity = self.texture(object, "opacity", 0.5)?;
+        let built = self.bsdf(nested)?;
+        Ok(match opacity {
+            Texture::Constant(all) if all == Rgb::WHITE => built,
+            Texture::Constant(none) if none.is_black() => Built::one_sided(Material::Null),
+            opacity => {
+                let inner = Box::new(Built::facing_both_ways(built.material, built.two_sided));
+                Built { material: Material::Mask { opacity, inner }, ..built }
+            }
+        })
+    }
+
+    fn blend(&mut self, object: &'a Object) -> Result<Built, LoadError> {
+        let children = object.children(self.ids, Class::BSDF);
+        let [(_, first), (_, second)] = children.as_slice() else {
+            return Err(object.lacks(&format!("two nested bsdfs; it has {}", children.len())));
+        };
+        if object.get("weight").is_none() {
+            return Err(object.lacks("the texture or number \"weight\""));
         }
-        Ok(if opaque { inner } else { (clear(), false) })
+        let weight = self.texture(object, "weight", 0.5)?;
+        let (a, b) = (self.bsdf(first)?, self.bsdf(second)?);
+        if a.relief.is_some() || b.relief.is_some() {
+            let what = format!("a bump or normal map within {}, rather than around it,", object.describe());
+            return Err(object.place.error(LoadErrorKind::Unsupported { what }));
+        }
+        let two_sided = a.two_sided || b.two_sided;
+        let mirrors = a.two_sided == b.two_sided && !a.material.is_transmissive() && !b.material.is_transmissive();
+        let part = |b: Built| if mirrors { b.material } else { Built::facing_both_ways(b.material, b.two_sided) };
+        let parts = Box::new([part(a), part(b)]);
+        if parts.iter().map(refractions).sum::<usize>() > 2 {
+            let what = format!("more than two smooth dielectrics in {}", object.describe());
+            return Err(object.place.error(LoadErrorKind::Unsupported { what }));
+        }
+        Ok(Built { material: Material::Blend { weight, parts }, two_sided, relief: None })
+    }
+
+    fn relief(&mut self, object: &'a Object) -> Result<Built, LoadError> {
+        let nested = self.nested(object)?;
+        let relief = if object.plugin == "bumpmap" {
+            let scale = object.float_in("scale", 1.0, f64::is_finite, "a finite number")?;
+            let texture = match object.children(self.ids, Class::TEXTURE).as_slice() {
+                [(_, texture)] => self.texture_object(texture)?,
+                other => return Err(object.lacks(&format!("one nested texture; it has {}", other.len()))),
+            };
+            Relief::Bump { texture, scale }
+        } else {
+            let property = object.get("normalmap").ok_or_else(|| object.lacks("the texture \"normalmap\""))?;
+            let texture = self.texture_of(property).ok_or_else(|| property.must_be("a texture"))?;
+            Relief::Normal { texture: self.texture_object(texture)? }
+        };
+        let built = self.bsdf(nested)?;
+        if built.relief.is_some() {
+            let what = format!("a second bump or normal map in {}", object.describe());
+            return Err(nested.place.error(LoadErrorKind::Unsupported { what }));
+        }
+        Ok(Built { relief: Some(relief), ..built })
     }
 
     fn simple(&mut self, object: &'a Object) -> Result<Material, LoadError> {
         match object.plugin.as_str() {
             "diffuse" => Ok(Material::Diffuse { reflectance: self.texture(object, "reflectance", 0.5)? }),
-            "conductor" => self.conductor(object),
-            "roughconductor" => {
-                self.roughness(object)?;
-                self.note("roughconductor by a smooth one".to_owned());
-                self.conductor(object)
+            "conductor" => {
+                let (index, reflectance) = self.conductor_parts(object)?;
+                Ok(Material::Conductor { index, reflectance })
             }
-            "dielectric" => self.dielectric(object),
+            "roughconductor" => {
+                let (distribution, alpha) = self.roughness(object)?;
+                let (index, reflectance) = self.conductor_parts(object)?;
+                Ok(Material::RoughConductor(Box::new(RoughConductor::new(distribution, alpha, index, reflectance))))
+            }
+            "dielectric" => {
+                let (eta, reflectance, transmittance) = self.dielectric_parts(object)?;
+                Ok(Material::Dielectric { eta, reflectance, transmittance })
+            }
             "roughdielectric" => {
-                self.roughness(object)?;
-                self.note("roughdielectric by a smooth one".to_owned());
-                self.dielectric(object)
+                let (distribution, alpha) = self.roughness(object)?;
+                let (eta, reflectance, transmittance) = self.dielectric_parts(object)?;
+                differing(object, eta)?;
+                let glass = RoughDielectric::new(distribution, alpha, eta, reflectance, transmittance);
+                Ok(Material::RoughDielectric(Box::new(glass)))
             }
             "thindielectric" => {
                 let (eta, reflectance, transmittance) = self.dielectric_parts(object)?;
                 Ok(Material::ThinDielectric { eta, reflectance, transmittance })
             }
-            "plastic" | "roughplastic" => self.plastic(object),
-            "null" => Ok(clear()),
+            "plastic" => {
+                let (eta, base, tint) = self.plastic_parts(object)?;
+                Ok(Material::Plastic(Box::new(Plastic::new(eta, base, tint))))
+            }
+            "roughplastic" => {
+                let distribution = distribution(object)?;
+                let alpha = object.float_in("alpha", 0.1, |a| a > 0.0 && a.is_finite(), "a number above 0")?;
+                let (eta, base, tint) = self.plastic_parts(object)?;
+                differing(object, eta)?;
+                Ok(Material::RoughPlastic(Box::new(RoughPlastic::new(distribution, alpha, eta, base, tint))))
+            }
+            "null" => Ok(Material::Null),
             _ => Err(unknown_plugin(object, &KNOWN)),
         }
     }
 
-    fn conductor(&mut self, object: &'a Object) -> Result<Material, LoadError> {
-        let reflectance = self.color(object, "specular_reflectance", 1.0, Use::Reflectance)?;
+    fn conductor_parts(&mut self, object: &'a Object) -> Result<(Option<(Rgb, Rgb)>, Texture), LoadError> {
+        let reflectance = self.texture(object, "specular_reflectance", 1.0)?;
         let name = object.text("material")?;
         let given = object.get("eta").is_some() || object.get("k").is_some();
         let index = match &name {
@@ -142,65 +233,76 @@ impl<'a> Loader<'a> {
                 Some(ior::metal(name.value).ok_or_else(|| name.must_be("material", &expected()))?)
             }
         };
-        Ok(Material::Conductor { index, reflectance })
+        Ok((index, reflectance))
     }
 
-    fn dielectric(&mut self, object: &'a Object) -> Result<Material, LoadError> {
-        let (eta, reflectance, transmittance) = self.dielectric_parts(object)?;
-        Ok(Material::Dielectric { eta, reflectance, transmittance })
-    }
-
-    fn dielectric_parts(&mut self, object: &'a Object) -> Result<(f64, Rgb, Rgb), LoadError> {
+    fn dielectric_parts(&mut self, object: &'a Object) -> Result<(f64, Texture, Texture), LoadError> {
         let eta = relative_index(object, "bk7")?;
-        let reflectance = self.color(object, "specular_reflectance", 1.0, Use::Reflectance)?;
-        let transmittance = self.color(object, "specular_transmittance", 1.0, Use::Reflectance)?;
+        let reflectance = self.texture(object, "specular_reflectance", 1.0)?;
+        let transmittance = self.texture(object, "specular_transmittance", 1.0)?;
         Ok((eta, reflectance, transmittance))
     }
 
-    /// A coated diffuse base by a diffuse surface that reflects as much of a uniform light, gloss and base together.
-    ///
-    /// Without the gloss an interior with a polished floor loses a tenth of its light.
-    fn plastic(&mut self, object: &'a Object) -> Result<Material, LoadError> {
+    /// Index of the coat, the base under it, and the factor on what it reflects.
+    fn plastic_parts(&mut self, object: &'a Object) -> Result<(f64, Base, Texture), LoadError> {
         let eta = relative_index(object, "polypropylene")?;
         let nonlinear = object.boolean("nonlinear", false)?;
-        let base = self.texture(object, "diffuse_reflectance", 0.5)?;
-        let tint = self.color(object, "specular_reflectance", 1.0, Use::Reflectance)?;
-        let albedo = if object.plugin == "plastic" {
-            CoatedAlbedo::smooth(eta, nonlinear)
-        } else {
-            let roughness = self.roughness(object)?;
-            CoatedAlbedo::rough(eta, roughness.alpha, roughness.distribution, nonlinear)
-        };
-        self.note(format!("{} by a diffuse surface of its albedo, gloss included", object.plugin));
-        let reflected = |rho| (albedo.of(rho) + tint * albedo.gloss()).map(|v| v.min(1.0));
-        Ok(Material::Diffuse { reflectance: base.map(reflected) })
+        let base = Base { reflectance: self.texture(object, "diffuse_reflectance", 0.5)?, nonlinear };
+        Ok((eta, base, self.texture(object, "specular_reflectance", 1.0)?))
     }
 
-    fn roughness(&mut self, object: &'a Object) -> Result<Roughness, LoadError> {
-        object.boolean("sample_visible", true)?;
-        let kinds = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
-        let distribution = object.choice("distribution", &kinds)?;
-        let mut alpha = 0.1;
-        for name in ["alpha", "alpha_u", "alpha_v"] {
-            if let Some(property) = object.get(name) {
-                alpha = self.color(object, name, alpha, Use::Index)?.mean();
-                if alpha <= 0.0 {
-                    return Err(property.must_be("above 0"));
-                }
+    /// Distribution and roughness along both tangents.
+    fn roughness(&mut self, object: &'a Object) -> Result<(Distribution, [Texture; 2]), LoadError> {
+        let distribution = distribution(object)?;
+        let pair = object.get("alpha_u").or(object.get("alpha_v"));
+        let Some(one) = pair else {
+            let alpha = self.alpha(object, "alpha")?;
+            return Ok((distribution, [alpha.clone(), alpha]));
+        };
+        if object.get("alpha").is_some() {
+            return Err(one.must_be("left out beside \"alpha\""));
+        }
+        for name in ["alpha_u", "alpha_v"] {
+            if object.get(name).is_none() {
+                return Err(object.lacks(&format!("\"{name}\" beside \"{}\"", one.name)));
             }
         }
-        Ok(Roughness { alpha, distribution })
+        Ok((distribution, [self.alpha(object, "alpha_u")?, self.alpha(object, "alpha_v")?]))
+    }
+
+    /// A roughness: a number above 0, or a texture, whose zeros are raised to the smallest roughness.
+    fn alpha(&mut self, object: &'a Object, name: &'static str) -> Result<Texture, LoadError> {
+        let alpha = self.texture_for(object, name, 0.1, Use::Index)?;
+        match (&alpha, object.get(name)) {
+            (Texture::Constant(value), Some(property)) if value.mean() <= 0.0 => Err(property.must_be("above 0")),
+            _ => Ok(alpha),
+        }
     }
 }
 
-struct Roughness {
-    alpha: f64,
-    distribution: Distribution,
+fn distribution(object: &Object) -> Result<Distribution, LoadError> {
+    // Another way of drawing directions, of the same mean.
+    object.boolean("sample_visible", true)?;
+    object.choice("distribution", &[("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)])
 }
 
-/// A surface that light passes as if it were not there: a plate of index 1.
-fn clear() -> Material {
-    Material::ThinDielectric { eta: 1.0, reflectance: Rgb::WHITE, transmittance: Rgb::WHITE }
+/// An error if the index is the same on both sides, where a rough boundary has no meaning.
+fn differing(object: &Object, eta: f64) -> Result<(), LoadError> {
+    if eta != 1.0 {
+        return Ok(());
+    }
+    let (name, expected) = ("int_ior".to_owned(), "other than \"ext_ior\"".to_owned());
+    Err(object.place.error(LoadErrorKind::Value { name, expected, found: "the same".to_owned() }))
+}
+
+/// Number of smooth boundaries that each bend light their own way.
+fn refractions(material: &Material) -> usize {
+    match material {
+        Material::Dielectric { .. } => 1,
+        Material::Mask { inner, .. } | Material::TwoSided(inner) => refractions(inner),
+        Material::Blend { parts, .. } => parts.iter().map(refractions).sum(),
+        _ => 0,
+    }
 }
 
 /// Index inside over index outside.
@@ -224,6 +326,6 @@ fn index(object: &Object, name: &'static str, default: &str) -> Result<f64, Load
 /// Mitsuba's material of a shape without one: grey one half, or black if the shape emits.
 pub(super) fn default_surface(emits: bool) -> Surface {
     let (name, rho) = if emits { ("default of emitters", 0.0) } else { ("default", 0.5) };
-    let reflectance = Texture::Constant(Rgb::grey(rho));
-    Surface { name: name.to_owned(), material: Material::Diffuse { reflectance }, two_sided: false }
+    let material = Material::Diffuse { reflectance: Texture::grey(rho) };
+    Surface { name: name.to_owned(), material, two_sided: false, relief: None }
 }

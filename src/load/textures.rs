@@ -6,12 +6,11 @@ use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object, Property, Value};
 use super::picture::{self, Picture};
 use crate::material::Texture;
-use crate::material::texture::{Bitmap, Filter, Wrap};
+use crate::material::texture::{Bitmap, Checkerboard, Filter, Wrap};
 use crate::math::Rgb;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// What a colour is used for, and so what values it may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,14 +76,21 @@ impl<'a> Loader<'a> {
     /// One colour: the mean of `name` if it is a texture, which is noted as an approximation.
     pub fn color(&mut self, object: &'a Object, name: &'static str, default: f64, purpose: Use) -> Result<Rgb, LoadError> {
         let texture = self.texture_for(object, name, default, purpose)?;
-        if matches!(texture, Texture::Bitmap(_)) {
+        if !matches!(texture, Texture::Constant(_)) {
             self.note(format!("its {name} by the texture's mean"));
         }
         Ok(texture.mean())
     }
 
-    fn texture_for(&mut self, object: &'a Object, name: &'static str, default: f64, purpose: Use) -> Result<Texture, LoadError> {
-        let Some(property) = object.get(name) else { return Ok(Texture::Constant(Rgb::grey(default))) };
+    /// The texture `name` of an object with values fit for a purpose, or a grey `default`.
+    pub fn texture_for(
+        &mut self,
+        object: &'a Object,
+        name: &'static str,
+        default: f64,
+        purpose: Use,
+    ) -> Result<Texture, LoadError> {
+        let Some(property) = object.get(name) else { return Ok(Texture::grey(default)) };
         let value = match &property.value {
             Value::Rgb(value) => *value,
             // As a reflectance, a spectrum that is the same at all wavelengths is grey.
@@ -98,12 +104,9 @@ impl<'a> Loader<'a> {
     fn child_texture(&mut self, property: &'a Property, purpose: Use) -> Result<Texture, LoadError> {
         let object = self.texture_of(property).ok_or_else(|| property.must_be("a colour or a texture"))?;
         let texture = self.texture_object(object)?;
-        if let Texture::Bitmap(bitmap) = &texture
-            && let Some(i) = bitmap.texels.iter().position(|t| purpose.check((*t).into()).is_err())
-        {
-            let expected = purpose.check(bitmap.texels[i].into()).err().unwrap_or_default().to_owned();
-            let found = format!("{:?} at ({}, {})", bitmap.texels[i], i % bitmap.width, i / bitmap.width);
-            return Err(property.place.error(LoadErrorKind::Value { name: property.name.clone(), expected, found }));
+        if let Some((expected, found)) = misfit(&texture, purpose) {
+            let (name, expected) = (property.name.clone(), expected.to_owned());
+            return Err(property.place.error(LoadErrorKind::Value { name, expected, found }));
         }
         Ok(texture)
     }
@@ -120,13 +123,19 @@ impl<'a> Loader<'a> {
 
     /// The texture that a `<texture>` element describes.
     pub fn texture_object(&mut self, object: &'a Object) -> Result<Texture, LoadError> {
+        // A texture may refer to one that contains it.
+        if self.building.contains(&std::ptr::from_ref(object)) {
+            return Err(object.place.error(LoadErrorKind::Cycle { what: object.describe() }));
+        }
+        self.building.push(object);
         let texture = match object.plugin.as_str() {
-            "bitmap" => self.bitmap(object)?,
-            "checkerboard" => self.checkerboard(object)?,
+            "bitmap" => Texture::Bitmap(self.bitmap(object)?),
+            "checkerboard" => Texture::Checkerboard(Box::new(self.checkerboard(object)?)),
             _ => return Err(unknown_plugin(object, &["bitmap", "checkerboard"])),
         };
         object.finish()?;
-        Ok(Texture::Bitmap(texture))
+        self.building.pop();
+        Ok(texture)
     }
 
     fn bitmap(&mut self, object: &'a Object) -> Result<Bitmap, LoadError> {
@@ -152,13 +161,23 @@ impl<'a> Loader<'a> {
         Ok(picture)
     }
 
-    /// Two by two texels say it all: `color0` where u and v lie in the same half of their cell.
-    fn checkerboard(&mut self, object: &'a Object) -> Result<Bitmap, LoadError> {
-        // Defaults of Mitsuba.
-        let colors = [self.color(object, "color0", 0.4, Use::Reflectance)?, self.color(object, "color1", 0.2, Use::Reflectance)?];
-        let [a, b] = colors.map(|c| c.to_array().map(|v| v as f32));
-        let texels = Arc::from([a, b, b, a]);
-        Ok(Bitmap { width: 2, height: 2, texels, filter: Filter::Nearest, wrap: Wrap::Repeat, to_uv: to_uv(object)? })
+    fn checkerboard(&mut self, object: &'a Object) -> Result<Checkerboard, LoadError> {
+        // Defaults of Mitsuba. What the values may be is known to the one who asked for the texture.
+        let colors = [self.texture_for(object, "color0", 0.4, Use::Index)?, self.texture_for(object, "color1", 0.2, Use::Index)?];
+        Ok(Checkerboard { colors, to_uv: to_uv(object)? })
+    }
+}
+
+/// What is expected of a texture's values and the first that is not so.
+fn misfit(texture: &Texture, purpose: Use) -> Option<(&'static str, String)> {
+    match texture {
+        Texture::Constant(c) => purpose.check(*c).err().map(|expected| (expected, format!("rgb {}, {}, {}", c.r, c.g, c.b))),
+        Texture::Bitmap(bitmap) => {
+            let faulty = |t: &[f32; 3]| purpose.check((*t).into()).err();
+            let (i, expected) = bitmap.texels.iter().enumerate().find_map(|(i, t)| Some((i, faulty(t)?)))?;
+            Some((expected, format!("{:?} at ({}, {})", bitmap.texels[i], i % bitmap.width, i / bitmap.width)))
+        }
+        Texture::Checkerboard(board) => board.colors.iter().find_map(|t| misfit(t, purpose)),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Fresnel reflectance and Snell's law, in f64.
 
-use crate::math::Rgb;
+use crate::math::{DVec3, Rgb};
 
 /// Unpolarised Fresnel reflectance of a dielectric boundary, and the cosine on the other side.
 ///
@@ -8,6 +8,10 @@ use crate::math::Rgb;
 /// returned cosine is positive, or 0 under total internal reflection, where the reflectance is exactly 1. [Born99, section 1.5].
 #[inline]
 pub fn dielectric(cos_i: f64, eta: f64) -> (f64, f64) {
+    // Without a step of the index there is no boundary, at grazing angles either.
+    if eta == 1.0 {
+        return (0.0, cos_i);
+    }
     let sin2_t = (1.0 - cos_i * cos_i).max(0.0) / (eta * eta);
     if sin2_t >= 1.0 {
         return (1.0, 0.0);
@@ -16,6 +20,35 @@ pub fn dielectric(cos_i: f64, eta: f64) -> (f64, f64) {
     let r_s = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
     let r_p = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
     (0.5 * (r_s * r_s + r_p * r_p), cos_t)
+}
+
+/// A dielectric boundary as seen from either side.
+#[derive(Debug, Clone, Copy)]
+pub struct Boundary {
+    /// Unpolarised Fresnel reflectance.
+    pub reflectance: f64,
+    /// Cosine of the refracted direction, of the sign opposite to the incident one; 0 under total internal reflection.
+    pub cos_t: f64,
+    /// Index of the far side over that of the incident side.
+    pub eta_it: f64,
+    /// Its inverse.
+    pub eta_ti: f64,
+}
+
+/// The boundary met at signed cosine `cos_i`; `eta` is the index on the negative side over that on the positive side.
+#[inline]
+pub fn boundary(cos_i: f64, eta: f64) -> Boundary {
+    let (eta_it, eta_ti) = if cos_i >= 0.0 { (eta, 1.0 / eta) } else { (1.0 / eta, eta) };
+    let (reflectance, cos_t) = dielectric(cos_i.abs(), eta_it);
+    Boundary { reflectance, cos_t: if cos_i >= 0.0 { -cos_t } else { cos_t }, eta_it, eta_ti }
+}
+
+impl Boundary {
+    /// The direction `v`, which gave the cosine with normal `m`, refracted through the boundary.
+    #[inline]
+    pub fn refracted(&self, v: DVec3, m: DVec3) -> DVec3 {
+        m * (v.dot(m) * self.eta_ti + self.cos_t) - v * self.eta_ti
+    }
 }
 
 /// Unpolarised Fresnel reflectance of a metal of relative index `eta + i k`, per channel. [Born99, section 14.2].
@@ -60,6 +93,17 @@ pub fn dielectric_mean(eta: f64) -> f64 {
     critical * critical + 2.0 * sum.value()
 }
 
+/// The same by the fits that Mitsuba uses in place of the integral: [Egan73] below 1, [dEon11] above. Accurate to 0.6 % for
+/// indices from 1/2 to 10.
+pub fn dielectric_mean_fit(eta: f64) -> f64 {
+    let inverse = 1.0 / eta;
+    if eta < 1.0 {
+        return 0.0636 * inverse + 0.6681 + eta * (0.7099 - 1.4399 * eta);
+    }
+    let terms = [-1.36881, 4.98554, -7.80989, 6.75335, -3.4793, 0.919317];
+    terms.iter().fold(0.0, |sum, term| sum * inverse + term)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,6 +122,14 @@ mod tests {
         for cos in [0.1, 0.4, 0.9] {
             let want = dielectric(cos, 1.5).0;
             assert!((conductor(cos, Rgb::grey(1.5), Rgb::BLACK).g - want).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_fits_are_near_the_integral() {
+        for (eta, tolerance) in [(1.5, 1e-3), (1.9, 1e-3), (2.5, 2e-3), (1.0 / 1.5, 1e-3), (1.0 / 1.9, 6e-3)] {
+            let (fit, want) = (dielectric_mean_fit(eta), dielectric_mean(eta));
+            assert!((fit / want - 1.0).abs() < tolerance, "eta {eta}: {fit}, expected {want}");
         }
     }
 

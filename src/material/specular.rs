@@ -16,16 +16,65 @@ pub struct Lobe {
     pub transmits: bool,
 }
 
-/// At most two lobes: reflection first, then transmission.
+impl Lobe {
+    /// True if the light goes on in its direction, as through a plate or a hole: a shadow ray could take the same way.
+    #[inline]
+    pub fn goes_straight(&self, wo: Vec3) -> bool {
+        self.transmits && self.wi == -wo
+    }
+
+    /// The lobe of a layer that covers the share `k` of the surface.
+    #[inline]
+    fn scaled(mut self, k: f64) -> Self {
+        self.weight = self.weight * k;
+        self.power *= k;
+        self
+    }
+}
+
+/// Largest number of ideal directions of one material.
+const MOST: usize = 4;
+
+/// The ideal directions of a material, at most four. Of a single boundary: reflection first, then transmission.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Lobes {
-    lobes: [Option<Lobe>; 2],
+    lobes: [Option<Lobe>; MOST],
 }
 
 impl Lobes {
     fn new(reflection: Lobe, transmission: Option<Lobe>) -> Self {
-        let visible = |lobe: &Lobe| !lobe.weight.is_black();
-        Self { lobes: [Some(reflection).filter(visible), transmission.filter(visible)] }
+        let mut lobes = Self::default();
+        lobes.push(reflection);
+        transmission.into_iter().for_each(|lobe| lobes.push(lobe));
+        lobes
+    }
+
+    /// Adds a lobe if it carries light; one in a direction that is there already is merged with it. What does not fit is
+    /// dropped: the reader admits no material with more directions.
+    fn push(&mut self, lobe: Lobe) {
+        if lobe.weight.is_black() {
+            return;
+        }
+        if let Some(same) = self.lobes.iter_mut().flatten().find(|l| l.wi == lobe.wi) {
+            same.weight += lobe.weight;
+            same.power += lobe.power;
+        } else if let Some(free) = self.lobes.iter_mut().find(|l| l.is_none()) {
+            *free = Some(lobe);
+        }
+    }
+
+    /// The lobes of two materials of which the first covers the share `1 - weight` of the surface.
+    pub(super) fn blended(self, other: Self, weight: f64) -> Self {
+        let mut lobes = Self::default();
+        self.iter().for_each(|lobe| lobes.push(lobe.scaled(1.0 - weight)));
+        other.iter().for_each(|lobe| lobes.push(lobe.scaled(weight)));
+        lobes
+    }
+
+    /// The same seen in a frame whose third axis is turned round.
+    pub(super) fn flipped(mut self) -> Self {
+        self.lobes.iter_mut().flatten().for_each(|lobe| lobe.wi.z = -lobe.wi.z);
+        self
     }
 
     /// The lobes that carry light.
@@ -37,19 +86,35 @@ impl Lobes {
     /// One lobe chosen by its share of power with the uniform number `u`, and the probability of that choice.
     #[inline]
     pub fn choose(&self, u: f32) -> Option<(Lobe, f64)> {
-        match self.lobes {
-            [Some(a), Some(b)] => {
-                let p = a.power / (a.power + b.power);
-                Some(if f64::from(u) < p { (a, p) } else { (b, 1.0 - p) })
+        let total: f64 = self.iter().map(|lobe| lobe.power).sum();
+        let mut rest = f64::from(u) * total;
+        let mut last = None;
+        for lobe in self.iter() {
+            last = Some((*lobe, lobe.power / total));
+            if rest < lobe.power {
+                break;
             }
-            [Some(a), None] | [None, Some(a)] => Some((a, 1.0)),
-            [None, None] => None,
+            rest -= lobe.power;
         }
+        last
     }
 }
 
 fn mirrored(wo: Vec3) -> Vec3 {
     Vec3::new(-wo.x, -wo.y, wo.z)
+}
+
+/// The lobe of light that passes straight through, as through a hole.
+#[inline]
+pub fn straight(wo: Vec3) -> Lobes {
+    let lobe = Lobe { wi: -wo, weight: Rgb::WHITE, power: 1.0, transmits: true };
+    Lobes { lobes: [Some(lobe), None, None, None] }
+}
+
+/// The mirror image of the viewer, with a `factor` on radiance. The back (wo.z <= 0) is black.
+#[inline]
+pub fn mirror(wo: Vec3, factor: Rgb) -> Lobes {
+    if wo.z <= 0.0 { Lobes::default() } else { Lobes::new(reflection(wo, factor), None) }
 }
 
 fn reflection(wo: Vec3, factor: Rgb) -> Lobe {
@@ -59,11 +124,8 @@ fn reflection(wo: Vec3, factor: Rgb) -> Lobe {
 /// Mirror of a metal. The back (wo.z <= 0) is black.
 #[inline]
 pub fn conductor(wo: Vec3, index: Option<(Rgb, Rgb)>, reflectance: Rgb) -> Lobes {
-    if wo.z <= 0.0 {
-        return Lobes::default();
-    }
     let fresnel = index.map_or(Rgb::WHITE, |(eta, k)| fresnel::conductor(f64::from(wo.z), eta, k));
-    Lobes::new(reflection(wo, reflectance * fresnel), None)
+    mirror(wo, reflectance * fresnel)
 }
 
 /// Reflection and refraction at a smooth boundary; `eta` is the index below the surface over that above.
@@ -85,12 +147,17 @@ pub fn dielectric(wo: Vec3, eta: f64, reflectance: Rgb, transmittance: Rgb) -> L
     Lobes::new(reflection(wo, reflectance * f), transmission)
 }
 
+/// Reflectance of a plate with all reflections inside it: the geometric series with T = 1 - R gives R' = 2R/(1 + R).
+#[inline]
+pub fn plate_reflectance(cos: f64, eta: f64) -> f64 {
+    let (r, _) = fresnel::dielectric(cos, eta);
+    if r < 1.0 { 2.0 * r / (1.0 + r) } else { 1.0 }
+}
+
 /// Reflection and straight transmission of a plate, with all reflections inside it: R' = R + T²R/(1 - R²), T' = 1 - R'.
 #[inline]
 pub fn thin_dielectric(wo: Vec3, eta: f64, reflectance: Rgb, transmittance: Rgb) -> Lobes {
-    let (r, _) = fresnel::dielectric(f64::from(wo.z.abs()), eta);
-    // The geometric series with T = 1 - R gives R' = 2R/(1 + R).
-    let r = if r < 1.0 { 2.0 * r / (1.0 + r) } else { 1.0 };
+    let r = plate_reflectance(f64::from(wo.z.abs()), eta);
     let through = transmittance * (1.0 - r);
     let transmission = Lobe { wi: -wo, weight: through, power: through.mean(), transmits: true };
     Lobes::new(reflection(wo, reflectance * r), Some(transmission))
@@ -165,7 +232,14 @@ mod tests {
 
     #[test]
     fn choosing_a_lobe_keeps_the_mean() {
-        let lobes = dielectric(at_degrees(70.0), 1.5, Rgb::WHITE, Rgb::WHITE);
+        let glass = |eta| dielectric(at_degrees(70.0), eta, Rgb::WHITE, Rgb::WHITE);
+        let three = glass(1.5).blended(glass(1.3), 0.25);
+        assert_eq!(three.iter().count(), 3, "both reflections are one");
+        chosen_lobes_keep_the_mean(glass(1.5));
+        chosen_lobes_keep_the_mean(three);
+    }
+
+    fn chosen_lobes_keep_the_mean(lobes: Lobes) {
         let n = 10_000;
         let mean = (0..n).filter_map(|i| lobes.choose((i as f32 + 0.5) / n as f32)).map(|(lobe, p)| lobe.power / p).sum::<f64>()
             / f64::from(n);

@@ -1,15 +1,26 @@
-//! Spatially varying reflectance.
+//! Spatially varying parameters of materials.
 
-use crate::math::{Rgb, Vec2};
+use crate::math::{DVec2, Rgb, Vec2};
 use std::sync::Arc;
 
-/// A reflectance over the texture coordinates of a surface.
+/// A colour over the texture coordinates of a surface.
 #[derive(Debug, Clone)]
 pub enum Texture {
     /// The same everywhere.
     Constant(Rgb),
     /// An image.
     Bitmap(Bitmap),
+    /// Two textures in turn.
+    Checkerboard(Box<Checkerboard>),
+}
+
+/// Squares of half a unit, in each of which one of two textures shows.
+#[derive(Debug, Clone)]
+pub struct Checkerboard {
+    /// Where the fractions of u and v lie in the same half of the unit square, and where they do not.
+    pub colors: [Texture; 2],
+    /// Rows of the affine map applied to (u, v, 1) before the squares are told apart.
+    pub to_uv: [[f32; 3]; 2],
 }
 
 /// How values between texel centres are found.
@@ -54,8 +65,7 @@ impl Bitmap {
     pub const IDENTITY: [[f32; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
     fn at(&self, uv: Vec2) -> Rgb {
-        let [a, b] = self.to_uv;
-        let (u, v) = (a[0] * uv.x + a[1] * uv.y + a[2], b[0] * uv.x + b[1] * uv.y + b[2]);
+        let Vec2 { x: u, y: v } = mapped(&self.to_uv, uv);
         match self.filter {
             Filter::Nearest => {
                 let cell = |t: f32, n: usize| (t * n as f32).floor() as i64;
@@ -70,6 +80,19 @@ impl Bitmap {
                 row(y0) * (1.0 - fy) + row(y0 + 1) * fy
             }
         }
+    }
+
+    fn luminance_gradient(&self, uv: Vec2) -> DVec2 {
+        let at = mapped(&self.to_uv, uv);
+        let (x, y) = (at.x * self.width as f32 - 0.5, at.y * self.height as f32 - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (f64::from(x - x0), f64::from(y - y0));
+        let value = |i: i64, j: i64| luminance(self.texel(x0 as i64 + i, y0 as i64 + j));
+        let (a, b, c, d) = (value(0, 0), value(1, 0), value(0, 1), value(1, 1));
+        let by_x = ((b - a) * (1.0 - fy) + (d - c) * fy) * self.width as f64;
+        let by_y = ((c - a) * (1.0 - fx) + (d - b) * fx) * self.height as f64;
+        let [row, other] = self.to_uv.map(|row| row.map(f64::from));
+        DVec2::new(row[0] * by_x + other[0] * by_y, row[1] * by_x + other[1] * by_y)
     }
 
     fn texel(&self, x: i64, y: i64) -> Rgb {
@@ -88,32 +111,105 @@ impl Bitmap {
     }
 }
 
+fn mapped([a, b]: &[[f32; 3]; 2], uv: Vec2) -> Vec2 {
+    Vec2::new(a[0] * uv.x + a[1] * uv.y + a[2], b[0] * uv.x + b[1] * uv.y + b[2])
+}
+
+impl Checkerboard {
+    /// The texture that shows at `uv`.
+    #[inline]
+    fn showing(&self, uv: Vec2) -> &Texture {
+        let at = mapped(&self.to_uv, uv);
+        let upper = |t: f32| t - t.floor() > 0.5;
+        &self.colors[usize::from(upper(at.x) != upper(at.y))]
+    }
+}
+
+/// One number of a colour from an image: its luminance, in the digits that Mitsuba uses.
+fn luminance(c: Rgb) -> f64 {
+    0.212_671 * c.r + 0.715_160 * c.g + 0.072_169 * c.b
+}
+
 impl Texture {
+    /// The same number in all channels, everywhere.
+    pub const fn grey(value: f64) -> Self {
+        Texture::Constant(Rgb::grey(value))
+    }
+
     /// Value at texture coordinates `uv`.
     #[inline]
     pub fn at(&self, uv: Vec2) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
             Texture::Bitmap(bitmap) => bitmap.at(uv),
+            Texture::Checkerboard(board) => board.showing(uv).at(uv),
         }
     }
 
-    /// Mean over the whole image.
+    /// Value as one number, for roughness, opacity and the like: the luminance of an image, the mean of the channels of a plain
+    /// colour, as Mitsuba reads them.
+    #[inline]
+    pub fn scalar(&self, uv: Vec2) -> f64 {
+        match self {
+            Texture::Constant(value) => value.mean(),
+            Texture::Bitmap(bitmap) => luminance(bitmap.at(uv)),
+            Texture::Checkerboard(board) => board.showing(uv).scalar(uv),
+        }
+    }
+
+    /// Derivatives of [`Self::scalar`] by u and v: of an image, of its bilinear interpolation whatever the filter; else 0.
+    pub fn scalar_gradient(&self, uv: Vec2) -> DVec2 {
+        match self {
+            Texture::Bitmap(bitmap) => bitmap.luminance_gradient(uv),
+            Texture::Checkerboard(board) => board.showing(uv).scalar_gradient(uv),
+            Texture::Constant(_) => DVec2::ZERO,
+        }
+    }
+
+    /// Mean over the unit square of texture coordinates, before `to_uv`. Both filters and all continuations give each texel
+    /// the same weight there.
     pub fn mean(&self) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
             Texture::Bitmap(b) => b.texels.iter().map(|t| Rgb::from(*t)).sum::<Rgb>() / b.texels.len() as f64,
+            Texture::Checkerboard(board) => (board.colors[0].mean() + board.colors[1].mean()) * 0.5,
         }
     }
 
-    /// The texture with `f` applied to every value; used to turn a parameter into an albedo.
-    pub fn map(&self, f: impl Fn(Rgb) -> Rgb) -> Texture {
+    /// Mean of [`Self::scalar`].
+    pub fn mean_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => Texture::Constant(f(*value)),
-            Texture::Bitmap(bitmap) => {
-                let texels = bitmap.texels.iter().map(|t| f(Rgb::from(*t)).to_array().map(|v| v as f32)).collect();
-                Texture::Bitmap(Bitmap { texels, ..bitmap.clone() })
-            }
+            Texture::Constant(value) => value.mean(),
+            Texture::Bitmap(_) => luminance(self.mean()),
+            Texture::Checkerboard(board) => 0.5 * (board.colors[0].mean_scalar() + board.colors[1].mean_scalar()),
+        }
+    }
+
+    /// Largest value of each channel.
+    pub fn max(&self) -> Rgb {
+        let larger = |a: Rgb, b: Rgb| Rgb::new(a.r.max(b.r), a.g.max(b.g), a.b.max(b.b));
+        match self {
+            Texture::Constant(value) => *value,
+            Texture::Bitmap(b) => b.texels.iter().map(|t| Rgb::from(*t)).fold(Rgb::BLACK, larger),
+            Texture::Checkerboard(board) => larger(board.colors[0].max(), board.colors[1].max()),
+        }
+    }
+
+    /// Largest value of [`Self::scalar`].
+    pub fn max_scalar(&self) -> f64 {
+        match self {
+            Texture::Constant(value) => value.mean(),
+            Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(0.0, f64::max),
+            Texture::Checkerboard(board) => board.colors[0].max_scalar().max(board.colors[1].max_scalar()),
+        }
+    }
+
+    /// Smallest value of [`Self::scalar`].
+    pub fn min_scalar(&self) -> f64 {
+        match self {
+            Texture::Constant(value) => value.mean(),
+            Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(f64::INFINITY, f64::min),
+            Texture::Checkerboard(board) => board.colors[0].min_scalar().min(board.colors[1].min_scalar()),
         }
     }
 }

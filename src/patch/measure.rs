@@ -34,7 +34,7 @@ impl PatchMesh {
             let shape = &world.scene().shapes[m.shape];
             let surface = world.scene().material_of(shape);
             self.elements[e].front = Some(self.add_patch(e, true, &m, m.rho, m.emission * PI));
-            if surface.two_sided && surface.material.has_diffuse() {
+            if surface.two_sided && surface.material.has_diffuse() || surface.material.has_diffuse_below() {
                 self.elements[e].back = Some(self.add_patch(e, false, &m, m.rho, Rgb::BLACK));
             }
         }

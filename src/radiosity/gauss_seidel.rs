@@ -1,12 +1,16 @@
-//! Gauss-Seidel, the solver of the classic radiosity papers [Goral84], [Cohen85].
+//! Gauss-Seidel, the solver of the classic radiosity papers [Goral84], [Cohen85], with Krylov steps against its slow modes.
 
-use super::{Solution, SolveError, SolverSettings, system::RadiositySystem};
+use super::{Solution, SolveError, SolverSettings, krylov, system::RadiositySystem};
 use crate::math::Rgb;
 use crate::progress::{Observer, Progress, Stage};
 use std::ops::ControlFlow;
 
 /// Below this largest row sum the plain bound is sharp enough; above it a companion system is solved beside the first.
 const PLAIN_BOUND_BELOW: f64 = 0.9;
+/// Sweeps after which, each time, the slow modes that are left are looked for in a Krylov space. Most interiors need no more sweeps.
+const PLAIN_SWEEPS: u32 = 20;
+/// Steps in that space, of two sweeps each.
+const KRYLOV_STEPS: u32 = 60;
 
 /// Solves H = S + F rho H by sweeps in patch order, each patch using what earlier ones have just become.
 ///
@@ -35,6 +39,16 @@ pub fn solve(
     let mut companion = (q >= PLAIN_BOUND_BELOW).then(|| companion_start(system, &reached));
     let (mut bound, mut first_bound) = (f64::INFINITY, f64::INFINITY);
     for sweep in 1..=settings.max_sweeps {
+        if sweep % PLAIN_SWEEPS == 0 {
+            krylov::accelerate(&mut irradiance, KRYLOV_STEPS, |x, with_source| {
+                sweep_once(system, &reached, |i| if with_source { system.source[i] } else { Rgb::BLACK }, x);
+            });
+            if let Some(v) = &mut companion {
+                krylov::accelerate(v, KRYLOV_STEPS, |x, with_source| {
+                    sweep_once(system, &reached, |_| if with_source { Rgb::WHITE } else { Rgb::BLACK }, x);
+                });
+            }
+        }
         let change = sweep_once(system, &reached, |i| system.source[i], &mut irradiance);
         let amplification = match &mut companion {
             None => 1.0 / (1.0 - q),

@@ -2,6 +2,7 @@
 
 pub mod field;
 pub mod gauss_seidel;
+mod krylov;
 pub mod system;
 
 pub use field::RadiosityField;

@@ -88,7 +88,7 @@ impl Shape {
         match &self.emission {
             Texture::Constant(radiance) => !radiance.is_black(),
             // A bitmap that is black everywhere became a constant when the scene was made.
-            Texture::Bitmap(_) => true,
+            Texture::Bitmap(_) | Texture::Checkerboard(_) => true,
         }
     }
 

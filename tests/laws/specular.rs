@@ -192,7 +192,7 @@ fn light_through_a_thin_plate_is_found_once() {
     let build = |with_plate: bool| {
         let mut room = Room::new(DVec3::new(0.0, 0.0, 0.5), DVec3::ZERO, 4);
         let (black, grey) = (room.grey(0.0), room.grey(0.01));
-        let (reflectance, transmittance) = (twopass::math::Rgb::WHITE, twopass::math::Rgb::WHITE);
+        let (reflectance, transmittance) = (twopass::material::Texture::grey(1.0), twopass::material::Texture::grey(1.0));
         let plate = room.material(twopass::material::Material::ThinDielectric { eta: 1.5, reflectance, transmittance }, true);
         room.quad(DVec3::new(-0.5, -0.5, 0.0), DVec3::X, DVec3::Y, grey, 0.0);
         if with_plate {

@@ -44,7 +44,7 @@ impl Room {
     }
 
     pub fn material(&mut self, material: Material, two_sided: bool) -> MaterialId {
-        self.source.materials.push(Surface { name: "test".to_owned(), material, two_sided });
+        self.source.materials.push(Surface { name: "test".to_owned(), material, two_sided, relief: None });
         MaterialId(self.source.materials.len() as u32 - 1)
     }
 
@@ -53,11 +53,11 @@ impl Room {
     }
 
     pub fn mirror(&mut self, reflectance: f64) -> MaterialId {
-        self.material(Material::Conductor { index: None, reflectance: Rgb::grey(reflectance) }, true)
+        self.material(Material::Conductor { index: None, reflectance: Texture::grey(reflectance) }, true)
     }
 
     pub fn glass(&mut self, eta: f64) -> MaterialId {
-        self.material(Material::Dielectric { eta, reflectance: Rgb::WHITE, transmittance: Rgb::WHITE }, false)
+        self.material(Material::Dielectric { eta, reflectance: Texture::grey(1.0), transmittance: Texture::grey(1.0) }, false)
     }
 
     pub fn add(&mut self, surface: SurfaceSource, material: MaterialId, emission: f64) {
