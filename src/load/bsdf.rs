@@ -6,13 +6,15 @@ use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object, Value};
 use super::textures::Use;
 use crate::material::plastic::Base;
+use crate::material::principled::Parameters;
 use crate::material::{
-    Distribution, Material, MaterialId, Plastic, Relief, RoughConductor, RoughDielectric, RoughPlastic, Surface, Texture,
+    Distribution, Material, MaterialId, Plastic, Principled, Relief, RoughConductor, RoughDielectric, RoughPlastic, Surface,
+    Texture,
 };
 use crate::math::Rgb;
 
 /// All that can be read.
-const KNOWN: [&str; 14] = [
+const KNOWN: [&str; 15] = [
     "diffuse",
     "conductor",
     "dielectric",
@@ -26,6 +28,7 @@ const KNOWN: [&str; 14] = [
     "blendbsdf",
     "bumpmap",
     "normalmap",
+    "principled",
     "null",
 ];
 
@@ -209,6 +212,7 @@ impl<'a> Loader<'a> {
                 differing(object, eta)?;
                 Ok(Material::RoughPlastic(Box::new(RoughPlastic::new(distribution, alpha, eta, base, tint))))
             }
+            "principled" => Ok(Material::Principled(Box::new(Principled::new(self.principled_parts(object)?)))),
             "null" => Ok(Material::Null),
             _ => Err(unknown_plugin(object, &KNOWN)),
         }
@@ -251,6 +255,31 @@ impl<'a> Loader<'a> {
         Ok((eta, base, self.texture(object, "specular_reflectance", 1.0)?))
     }
 
+    fn principled_parts(&mut self, object: &'a Object) -> Result<Parameters, LoadError> {
+        let mut texture = |name, default| self.texture(object, name, default);
+        let spec_trans = texture("spec_trans", 0.0)?;
+        let rate = |name| object.float_in(name, 1.0, |r| r >= 0.0 && r.is_finite(), "a number 0 or more");
+        Ok(Parameters {
+            base_color: texture("base_color", 0.5)?,
+            roughness: texture("roughness", 0.5)?,
+            anisotropic: texture("anisotropic", 0.0)?,
+            metallic: texture("metallic", 0.0)?,
+            spec_tint: texture("spec_tint", 0.0)?,
+            sheen: texture("sheen", 0.0)?,
+            sheen_tint: texture("sheen_tint", 0.0)?,
+            flatness: texture("flatness", 0.0)?,
+            clearcoat: texture("clearcoat", 0.0)?,
+            clearcoat_gloss: texture("clearcoat_gloss", 0.0)?,
+            eta: principled_index(object, spec_trans.max_scalar() > 0.0)?,
+            rates: [
+                rate("diffuse_reflectance_sampling_rate")?,
+                rate("clearcoat_sampling_rate")?,
+                rate("main_specular_sampling_rate")?,
+            ],
+            spec_trans,
+        })
+    }
+
     /// Distribution and roughness along both tangents.
     fn roughness(&mut self, object: &'a Object) -> Result<(Distribution, [Texture; 2]), LoadError> {
         let distribution = distribution(object)?;
@@ -284,6 +313,21 @@ fn distribution(object: &Object) -> Result<Distribution, LoadError> {
     // Another way of drawing directions, of the same mean.
     object.boolean("sample_visible", true)?;
     object.choice("distribution", &[("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)])
+}
+
+/// Relative index of a principled material: `eta`, or from `specular`, 0.08 times which is the reflectance at normal view.
+fn principled_index(object: &Object, transmits: bool) -> Result<f64, LoadError> {
+    if let (Some(specular), true) = (object.get("specular"), object.get("eta").is_some()) {
+        return Err(specular.must_be("left out beside \"eta\""));
+    }
+    // Where light is refracted, Mitsuba moves an index of 1 by a little.
+    if object.get("eta").is_some() {
+        let eta = object.float_in("eta", 1.5, |eta| eta > 0.0 && eta.is_finite(), "a number above 0")?;
+        return Ok(if transmits && eta == 1.0 { 1.001 } else { eta });
+    }
+    let specular = object.float_in("specular", 0.5, |s| (0.0..=1.0).contains(&s), "a number from 0 to 1")?;
+    let specular = if transmits && specular == 0.0 { 1e-3 } else { specular };
+    Ok(2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0)
 }
 
 /// An error if the index is the same on both sides, where a rough boundary has no meaning.

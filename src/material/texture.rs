@@ -125,8 +125,13 @@ impl Checkerboard {
     }
 }
 
+/// One number of a plain colour: the mean of its channels, exactly so if it is grey.
+fn level(c: Rgb) -> f64 {
+    if c.r == c.g && c.g == c.b { c.r } else { c.mean() }
+}
+
 /// One number of a colour from an image: its luminance, in the digits that Mitsuba uses.
-fn luminance(c: Rgb) -> f64 {
+pub(super) fn luminance(c: Rgb) -> f64 {
     0.212_671 * c.r + 0.715_160 * c.g + 0.072_169 * c.b
 }
 
@@ -151,7 +156,7 @@ impl Texture {
     #[inline]
     pub fn scalar(&self, uv: Vec2) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(bitmap) => luminance(bitmap.at(uv)),
             Texture::Checkerboard(board) => board.showing(uv).scalar(uv),
         }
@@ -179,7 +184,7 @@ impl Texture {
     /// Mean of [`Self::scalar`].
     pub fn mean_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(_) => luminance(self.mean()),
             Texture::Checkerboard(board) => 0.5 * (board.colors[0].mean_scalar() + board.colors[1].mean_scalar()),
         }
@@ -198,7 +203,7 @@ impl Texture {
     /// Largest value of [`Self::scalar`].
     pub fn max_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(0.0, f64::max),
             Texture::Checkerboard(board) => board.colors[0].max_scalar().max(board.colors[1].max_scalar()),
         }
@@ -207,7 +212,7 @@ impl Texture {
     /// Smallest value of [`Self::scalar`].
     pub fn min_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(f64::INFINITY, f64::min),
             Texture::Checkerboard(board) => board.colors[0].min_scalar().min(board.colors[1].min_scalar()),
         }
