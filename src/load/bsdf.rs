@@ -8,8 +8,8 @@ use super::textures::Use;
 use crate::material::plastic::Base;
 use crate::material::principled::Parameters;
 use crate::material::{
-    Distribution, Material, MaterialId, Plastic, Principled, Relief, RoughConductor, RoughDielectric, RoughPlastic, Surface,
-    Texture,
+    Distribution, Material, MaterialId, Plastic, Principled, Relief, ReliefMap, RoughConductor, RoughDielectric, RoughPlastic,
+    Surface, Texture,
 };
 use crate::math::Rgb;
 
@@ -154,24 +154,28 @@ impl<'a> Loader<'a> {
 
     fn relief(&mut self, object: &'a Object) -> Result<Built, LoadError> {
         let nested = self.nested(object)?;
-        let relief = if object.plugin == "bumpmap" {
+        let map = if object.plugin == "bumpmap" {
             let scale = object.float_in("scale", 1.0, f64::is_finite, "a finite number")?;
-            let texture = match object.children(self.ids, Class::TEXTURE).as_slice() {
-                [(_, texture)] => self.texture_object(texture)?,
+            match object.children(self.ids, Class::TEXTURE).as_slice() {
+                [(property, texture)] => match self.texture_object(texture)? {
+                    texture @ Texture::Bitmap(_) => ReliefMap::Bump { texture, scale },
+                    _ => return Err(property.must_be("a bitmap, which has slopes")),
+                },
                 other => return Err(object.lacks(&format!("one nested texture; it has {}", other.len()))),
-            };
-            Relief::Bump { texture, scale }
+            }
         } else {
             let property = object.get("normalmap").ok_or_else(|| object.lacks("the texture \"normalmap\""))?;
             let texture = self.texture_of(property).ok_or_else(|| property.must_be("a texture"))?;
-            Relief::Normal { texture: self.texture_object(texture)? }
+            ReliefMap::Normal { texture: self.texture_object(texture)? }
         };
+        let flips_invalid = object.boolean("flip_invalid_normals", true)?;
+        let has_shadowing = object.boolean("use_shadowing_function", true)?;
         let built = self.bsdf(nested)?;
         if built.relief.is_some() {
             let what = format!("a second bump or normal map in {}", object.describe());
             return Err(nested.place.error(LoadErrorKind::Unsupported { what }));
         }
-        Ok(Built { relief: Some(relief), ..built })
+        Ok(Built { relief: Some(Relief { map, flips_invalid, has_shadowing }), ..built })
     }
 
     fn simple(&mut self, object: &'a Object) -> Result<Material, LoadError> {

@@ -20,7 +20,7 @@ pub mod texture;
 pub use microfacet::Distribution;
 pub use plastic::{Plastic, RoughPlastic};
 pub use principled::Principled;
-pub use relief::Relief;
+pub use relief::{Relief, ReliefMap};
 pub use rough_conductor::RoughConductor;
 pub use rough_dielectric::RoughDielectric;
 pub use sampling::{BsdfSample, GlossySample};

@@ -184,8 +184,14 @@ impl Material {
                 inner.sample(wo, uv, u, rest).map(|s| BsdfSample { pdf: s.pdf * opacity, ..s })
             }
             Material::Blend { weight, parts } => {
-                let (below, rest) = reused(choice, share(weight, uv));
-                parts[usize::from(below)].sample(wo, uv, u, rest)
+                let weight = share(weight, uv);
+                let (below, rest) = reused(choice, weight);
+                let sample = parts[usize::from(below)].sample(wo, uv, u, rest)?;
+                if sample.delta {
+                    let pdf = sample.pdf * if below { weight } else { 1.0 - weight };
+                    return Some(BsdfSample { pdf, ..sample });
+                }
+                spread(sample.wi, sample.eta)
             }
             Material::TwoSided(inner) if wo.z < 0.0 => inner.sample(turned(wo), uv, u, choice).map(BsdfSample::turned),
             Material::TwoSided(inner) => inner.sample(wo, uv, u, choice),

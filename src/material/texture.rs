@@ -83,6 +83,9 @@ impl Bitmap {
     }
 
     fn luminance_gradient(&self, uv: Vec2) -> DVec2 {
+        if self.filter == Filter::Nearest {
+            return DVec2::ZERO;
+        }
         let at = mapped(&self.to_uv, uv);
         let (x, y) = (at.x * self.width as f32 - 0.5, at.y * self.height as f32 - 0.5);
         let (x0, y0) = (x.floor(), y.floor());
@@ -116,12 +119,12 @@ fn mapped([a, b]: &[[f32; 3]; 2], uv: Vec2) -> Vec2 {
 }
 
 impl Checkerboard {
-    /// The texture that shows at `uv`.
+    /// The texture that shows at `uv`, or the other one.
     #[inline]
-    fn showing(&self, uv: Vec2) -> &Texture {
+    fn showing(&self, uv: Vec2, swapped: bool) -> &Texture {
         let at = mapped(&self.to_uv, uv);
         let upper = |t: f32| t - t.floor() > 0.5;
-        &self.colors[usize::from(upper(at.x) != upper(at.y))]
+        &self.colors[usize::from((upper(at.x) != upper(at.y)) != swapped)]
     }
 }
 
@@ -147,7 +150,7 @@ impl Texture {
         match self {
             Texture::Constant(value) => *value,
             Texture::Bitmap(bitmap) => bitmap.at(uv),
-            Texture::Checkerboard(board) => board.showing(uv).at(uv),
+            Texture::Checkerboard(board) => board.showing(uv, false).at(uv),
         }
     }
 
@@ -158,15 +161,16 @@ impl Texture {
         match self {
             Texture::Constant(value) => level(*value),
             Texture::Bitmap(bitmap) => luminance(bitmap.at(uv)),
-            Texture::Checkerboard(board) => board.showing(uv).scalar(uv),
+            // Where a number is read, Mitsuba 3.9.1 has the two textures the other way round.
+            Texture::Checkerboard(board) => board.showing(uv, true).scalar(uv),
         }
     }
 
-    /// Derivatives of [`Self::scalar`] by u and v: of an image, of its bilinear interpolation whatever the filter; else 0.
+    /// Derivatives of [`Self::scalar`] by u and v: of an image that is interpolated; else 0.
     pub fn scalar_gradient(&self, uv: Vec2) -> DVec2 {
         match self {
             Texture::Bitmap(bitmap) => bitmap.luminance_gradient(uv),
-            Texture::Checkerboard(board) => board.showing(uv).scalar_gradient(uv),
+            Texture::Checkerboard(board) => board.showing(uv, true).scalar_gradient(uv),
             Texture::Constant(_) => DVec2::ZERO,
         }
     }
