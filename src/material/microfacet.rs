@@ -72,7 +72,7 @@ impl Microfacet {
         }
     }
 
-    /// Density per steradian of [`Self::sample`] for a direction `v` above the surface. [Heitz14, eq. 2].
+    /// Density per steradian of [`Self::sample`] for a direction `v` above the surface. [Heitz14].
     #[inline]
     pub fn pdf(&self, v: DVec3, m: DVec3) -> f64 {
         self.d(m) * self.g1(v, m) * v.dot(m).abs() / v.z
@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn distributions_project_to_the_surface_and_to_what_is_seen() {
-        // int D(m) (n.m) dm = 1, and int D(m) G1(v, m) max(v.m, 0) dm = v.z. [Walter07, eq. 4; Heitz14, eq. 1].
+        // int D(m) (n.m) dm = 1, and int D(m) G1(v, m) max(v.m, 0) dm = v.z. [Walter07, eq. 4; Heitz14].
         for distribution in [Distribution::Beckmann, Distribution::Ggx] {
             for (u, v) in [(0.3, 0.3), (0.2, 0.6)] {
                 let facets = Microfacet::new(distribution, u, v);

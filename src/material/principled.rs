@@ -68,7 +68,7 @@ struct Local {
     coat: Gtr1,
 }
 
-/// The distribution of the clearcoat's normals, with a longer tail than GGX. [Burley12, appendix B.2].
+/// The distribution of the clearcoat's normals, with a longer tail than GGX. [Burley12].
 #[derive(Clone, Copy)]
 struct Gtr1 {
     alpha2: f64,
@@ -346,7 +346,7 @@ impl Principled {
     }
 }
 
-/// Roughnesses along the tangents from the artist's two numbers. [Burley12, section 5.4].
+/// Roughnesses along the tangents from the artist's two numbers. [Burley12].
 fn alphas(roughness: f64, anisotropic: f64) -> [f64; 2] {
     let aspect = (1.0 - 0.9 * anisotropic).sqrt();
     let r2 = roughness * roughness;
@@ -361,7 +361,7 @@ struct Shape {
 }
 
 impl Shape {
-    /// Diffuse and retro-reflected light, the flattened variant, and sheen. [Burley12, section 5.3; Burley15].
+    /// Diffuse and retro-reflected light, the flattened variant, and sheen. [Burley12], [Burley15].
     fn new(wo: DVec3, wi: DVec3) -> Self {
         let (o, i) = (schlick(wo.z), schlick(wi.z));
         // Squared cosine between a direction and the half vector.
