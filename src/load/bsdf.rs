@@ -6,13 +6,15 @@ use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object, Value};
 use super::textures::Use;
 use crate::material::plastic::Base;
+use crate::material::principled::Parameters;
 use crate::material::{
-    Distribution, Material, MaterialId, Plastic, Relief, RoughConductor, RoughDielectric, RoughPlastic, Surface, Texture,
+    Distribution, Material, MaterialId, Plastic, Principled, Relief, ReliefMap, RoughConductor, RoughDielectric, RoughPlastic,
+    Surface, Texture,
 };
 use crate::math::Rgb;
 
 /// All that can be read.
-const KNOWN: [&str; 14] = [
+const KNOWN: [&str; 15] = [
     "diffuse",
     "conductor",
     "dielectric",
@@ -26,6 +28,7 @@ const KNOWN: [&str; 14] = [
     "blendbsdf",
     "bumpmap",
     "normalmap",
+    "principled",
     "null",
 ];
 
@@ -151,24 +154,28 @@ impl<'a> Loader<'a> {
 
     fn relief(&mut self, object: &'a Object) -> Result<Built, LoadError> {
         let nested = self.nested(object)?;
-        let relief = if object.plugin == "bumpmap" {
+        let map = if object.plugin == "bumpmap" {
             let scale = object.float_in("scale", 1.0, f64::is_finite, "a finite number")?;
-            let texture = match object.children(self.ids, Class::TEXTURE).as_slice() {
-                [(_, texture)] => self.texture_object(texture)?,
+            match object.children(self.ids, Class::TEXTURE).as_slice() {
+                [(property, texture)] => match self.texture_object(texture)? {
+                    texture @ Texture::Bitmap(_) => ReliefMap::Bump { texture, scale },
+                    _ => return Err(property.must_be("a bitmap, which has slopes")),
+                },
                 other => return Err(object.lacks(&format!("one nested texture; it has {}", other.len()))),
-            };
-            Relief::Bump { texture, scale }
+            }
         } else {
             let property = object.get("normalmap").ok_or_else(|| object.lacks("the texture \"normalmap\""))?;
             let texture = self.texture_of(property).ok_or_else(|| property.must_be("a texture"))?;
-            Relief::Normal { texture: self.texture_object(texture)? }
+            ReliefMap::Normal { texture: self.texture_object(texture)? }
         };
+        let flips_invalid = object.boolean("flip_invalid_normals", true)?;
+        let has_shadowing = object.boolean("use_shadowing_function", true)?;
         let built = self.bsdf(nested)?;
         if built.relief.is_some() {
             let what = format!("a second bump or normal map in {}", object.describe());
             return Err(nested.place.error(LoadErrorKind::Unsupported { what }));
         }
-        Ok(Built { relief: Some(relief), ..built })
+        Ok(Built { relief: Some(Relief { map, flips_invalid, has_shadowing }), ..built })
     }
 
     fn simple(&mut self, object: &'a Object) -> Result<Material, LoadError> {
@@ -209,6 +216,7 @@ impl<'a> Loader<'a> {
                 differing(object, eta)?;
                 Ok(Material::RoughPlastic(Box::new(RoughPlastic::new(distribution, alpha, eta, base, tint))))
             }
+            "principled" => Ok(Material::Principled(Box::new(Principled::new(self.principled_parts(object)?)))),
             "null" => Ok(Material::Null),
             _ => Err(unknown_plugin(object, &KNOWN)),
         }
@@ -251,6 +259,31 @@ impl<'a> Loader<'a> {
         Ok((eta, base, self.texture(object, "specular_reflectance", 1.0)?))
     }
 
+    fn principled_parts(&mut self, object: &'a Object) -> Result<Parameters, LoadError> {
+        let mut texture = |name, default| self.texture(object, name, default);
+        let spec_trans = texture("spec_trans", 0.0)?;
+        let rate = |name| object.float_in(name, 1.0, |r| r >= 0.0 && r.is_finite(), "a number 0 or more");
+        Ok(Parameters {
+            base_color: texture("base_color", 0.5)?,
+            roughness: texture("roughness", 0.5)?,
+            anisotropic: texture("anisotropic", 0.0)?,
+            metallic: texture("metallic", 0.0)?,
+            spec_tint: texture("spec_tint", 0.0)?,
+            sheen: texture("sheen", 0.0)?,
+            sheen_tint: texture("sheen_tint", 0.0)?,
+            flatness: texture("flatness", 0.0)?,
+            clearcoat: texture("clearcoat", 0.0)?,
+            clearcoat_gloss: texture("clearcoat_gloss", 0.0)?,
+            eta: principled_index(object, spec_trans.max_scalar() > 0.0)?,
+            rates: [
+                rate("diffuse_reflectance_sampling_rate")?,
+                rate("clearcoat_sampling_rate")?,
+                rate("main_specular_sampling_rate")?,
+            ],
+            spec_trans,
+        })
+    }
+
     /// Distribution and roughness along both tangents.
     fn roughness(&mut self, object: &'a Object) -> Result<(Distribution, [Texture; 2]), LoadError> {
         let distribution = distribution(object)?;
@@ -284,6 +317,21 @@ fn distribution(object: &Object) -> Result<Distribution, LoadError> {
     // Another way of drawing directions, of the same mean.
     object.boolean("sample_visible", true)?;
     object.choice("distribution", &[("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)])
+}
+
+/// Relative index of a principled material: `eta`, or from `specular`, 0.08 times which is the reflectance at normal view.
+fn principled_index(object: &Object, transmits: bool) -> Result<f64, LoadError> {
+    if let (Some(specular), true) = (object.get("specular"), object.get("eta").is_some()) {
+        return Err(specular.must_be("left out beside \"eta\""));
+    }
+    // Where light is refracted, Mitsuba moves an index of 1 by a little.
+    if object.get("eta").is_some() {
+        let eta = object.float_in("eta", 1.5, |eta| eta > 0.0 && eta.is_finite(), "a number above 0")?;
+        return Ok(if transmits && eta == 1.0 { 1.001 } else { eta });
+    }
+    let specular = object.float_in("specular", 0.5, |s| (0.0..=1.0).contains(&s), "a number from 0 to 1")?;
+    let specular = if transmits && specular == 0.0 { 1e-3 } else { specular };
+    Ok(2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0)
 }
 
 /// An error if the index is the same on both sides, where a rough boundary has no meaning.

@@ -11,7 +11,7 @@ const COSINES: usize = 48;
 const AZIMUTHS: usize = 9;
 /// Nodes over the roughness, for lobes whose roughness is a texture.
 const ROUGHNESSES: usize = 16;
-/// Gauss-Legendre points on each side of the unit square from which normals are drawn.
+/// Points along each coordinate of the normals.
 const POINTS: usize = 32;
 
 /// Values that each table holds side by side, for instance the colour channels.
@@ -61,7 +61,7 @@ impl AlbedoTable {
                     }
                 };
                 let view = above(root * root, azimuth);
-                mean_over_normals(&facets, view, POINTS, |m| weight(&facets, view, m))
+                facets.smooth_mean(view, POINTS, |m| weight(&facets, view, m))
             })
             .collect();
         Self { range, values }
@@ -108,24 +108,6 @@ pub fn above(mu: f64, azimuth: f64) -> DVec3 {
     let mu = mu.max(1e-6);
     let sin = (1.0 - mu * mu).max(0.0).sqrt();
     DVec3::new(sin * azimuth.cos(), sin * azimuth.sin(), mu)
-}
-
-/// Mean of `f` over the normals that `v` sees, by a grid of Gauss-Legendre points.
-pub fn mean_over_normals<const N: usize>(
-    facets: &Microfacet,
-    v: DVec3,
-    points: usize,
-    mut f: impl FnMut(DVec3) -> [f64; N],
-) -> [f64; N] {
-    let (nodes, weights) = gauss_legendre(points);
-    let mut sums = [0.0; N];
-    facets.sample_grid(v, &nodes, |i, j, m| {
-        let weight = weights[i] * weights[j];
-        for (sum, value) in sums.iter_mut().zip(f(m)) {
-            *sum += weight * value;
-        }
-    });
-    sums
 }
 
 /// Nodes and weights of Gauss-Legendre quadrature on [0, 1]: roots of the Legendre polynomial by Newton's method.

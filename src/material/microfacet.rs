@@ -4,6 +4,7 @@
 //! Beckmann's shadowing, the floor of the roughness and the three Newton steps are those of Mitsuba, whose tables are built
 //! with them.
 
+use super::albedo::gauss_legendre;
 use crate::math::{DVec2, DVec3};
 use std::f64::consts::{FRAC_2_SQRT_PI, FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -71,7 +72,7 @@ impl Microfacet {
         }
     }
 
-    /// Density per steradian of [`Self::sample`] for a direction `v` above the surface. [Heitz14, eq. 2].
+    /// Density per steradian of [`Self::sample`] for a direction `v` above the surface. [Heitz14].
     #[inline]
     pub fn pdf(&self, v: DVec3, m: DVec3) -> f64 {
         self.d(m) * self.g1(v, m) * v.dot(m).abs() / v.z
@@ -80,31 +81,62 @@ impl Microfacet {
     /// A normal that `v` (v.z > 0) sees, from a point `u` of the unit square.
     #[inline]
     pub fn sample(&self, v: DVec3, u: DVec2) -> DVec3 {
-        let stretched = DVec3::new(self.alpha.x * v.x, self.alpha.y * v.y, v.z).normalize();
+        let stretched = self.stretched(v);
         let slope = match self.distribution {
             Distribution::Beckmann => DVec2::new(beckmann_slope(stretched.z, u.x), gaussian_slope(u.y)),
-            Distribution::Ggx => ggx_slopes(stretched.z, u),
+            Distribution::Ggx => ggx_slopes(stretched.z, disk(u)),
         };
         self.normal_of(stretched, slope)
     }
 
-    /// Normals for all pairs of the coordinates in `nodes`, x outermost: what [`Self::sample`] gives, with less work.
-    pub fn sample_grid(&self, v: DVec3, nodes: &[f64], mut each: impl FnMut(usize, usize, DVec3)) {
-        let stretched = DVec3::new(self.alpha.x * v.x, self.alpha.y * v.y, v.z).normalize();
+    /// Mean of `f` over the normals that `v` sees, by Gauss-Legendre points of the unit square, `points` on each side.
+    ///
+    /// For GGX the map of [`Self::sample`] has creases along the diagonals of the disk, which cost accuracy. Tables that must
+    /// equal Mitsuba's need the same; for others see [`Self::smooth_mean`].
+    pub fn mean<const N: usize>(&self, v: DVec3, points: usize, mut f: impl FnMut(DVec3) -> [f64; N]) -> [f64; N] {
+        let stretched = self.stretched(v);
+        let (nodes, weights) = gauss_legendre(points);
         let across: Vec<f64> = match self.distribution {
             Distribution::Beckmann => nodes.iter().map(|&u| gaussian_slope(u)).collect(),
             Distribution::Ggx => Vec::new(),
         };
+        let mut sums = [0.0; N];
         for (i, &x) in nodes.iter().enumerate() {
             let along = if across.is_empty() { 0.0 } else { beckmann_slope(stretched.z, x) };
             for (j, &y) in nodes.iter().enumerate() {
                 let slope = match self.distribution {
                     Distribution::Beckmann => DVec2::new(along, across[j]),
-                    Distribution::Ggx => ggx_slopes(stretched.z, DVec2::new(x, y)),
+                    Distribution::Ggx => ggx_slopes(stretched.z, disk(DVec2::new(x, y))),
                 };
-                each(i, j, self.normal_of(stretched, slope));
+                add(&mut sums, weights[i] * weights[j], f(self.normal_of(stretched, slope)));
             }
         }
+        sums
+    }
+
+    /// The same mean by points that suit the distribution: for GGX rings of the disk.
+    pub fn smooth_mean<const N: usize>(&self, v: DVec3, points: usize, mut f: impl FnMut(DVec3) -> [f64; N]) -> [f64; N] {
+        if self.distribution == Distribution::Beckmann {
+            return self.mean(v, points, f);
+        }
+        let stretched = self.stretched(v);
+        let (nodes, weights) = gauss_legendre(points);
+        let mut sums = [0.0; N];
+        for (x, weight) in nodes.iter().zip(weights) {
+            // The radius as a sine: normals depend on the height above the disk, which then has no root at the rim.
+            let (radius, height) = (FRAC_PI_2 * x).sin_cos();
+            let weight = weight * PI * radius * height / points as f64;
+            for k in 0..points {
+                let (sin, cos) = (2.0 * PI * (k as f64 + 0.5) / points as f64).sin_cos();
+                let slope = ggx_slopes(stretched.z, DVec2::new(radius * cos, radius * sin));
+                add(&mut sums, weight, f(self.normal_of(stretched, slope)));
+            }
+        }
+        sums
+    }
+
+    fn stretched(&self, v: DVec3) -> DVec3 {
+        DVec3::new(self.alpha.x * v.x, self.alpha.y * v.y, v.z).normalize()
     }
 
     /// The normal of a facet whose slopes are `slope` in the plane of the stretched direction.
@@ -146,9 +178,13 @@ fn gaussian_slope(u: f64) -> f64 {
     erf_inverse(2.0 * u.clamp(1e-6, 1.0 - 1e-6) - 1.0)
 }
 
-/// Slopes of a visible facet at roughness 1: a point of the projected half-disks that make up the visible hemisphere. [Heitz18].
-fn ggx_slopes(cos: f64, u: DVec2) -> DVec2 {
-    let p = disk(u);
+fn add<const N: usize>(sums: &mut [f64; N], weight: f64, values: [f64; N]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+}
+
+/// Slopes of a visible facet at roughness 1, from a point `p` of the disk: that is bent into the two half-disks to which the
+/// visible hemisphere projects. [Heitz18].
+fn ggx_slopes(cos: f64, p: DVec2) -> DVec2 {
     let upper = (1.0 - p.x * p.x).max(0.0).sqrt();
     let y = upper + (p.y - upper) * 0.5 * (1.0 + cos);
     let z = (1.0 - p.x * p.x - y * y).max(0.0).sqrt();
@@ -228,7 +264,7 @@ mod tests {
 
     #[test]
     fn distributions_project_to_the_surface_and_to_what_is_seen() {
-        // int D(m) (n.m) dm = 1, and int D(m) G1(v, m) max(v.m, 0) dm = v.z. [Walter07, eq. 4; Heitz14, eq. 1].
+        // int D(m) (n.m) dm = 1, and int D(m) G1(v, m) max(v.m, 0) dm = v.z. [Walter07, eq. 4; Heitz14].
         for distribution in [Distribution::Beckmann, Distribution::Ggx] {
             for (u, v) in [(0.3, 0.3), (0.2, 0.6)] {
                 let facets = Microfacet::new(distribution, u, v);

@@ -9,6 +9,7 @@ mod albedo;
 pub mod fresnel;
 pub mod microfacet;
 pub mod plastic;
+pub mod principled;
 mod relief;
 mod rough_conductor;
 mod rough_dielectric;
@@ -18,7 +19,8 @@ pub mod texture;
 
 pub use microfacet::Distribution;
 pub use plastic::{Plastic, RoughPlastic};
-pub use relief::Relief;
+pub use principled::Principled;
+pub use relief::{Relief, ReliefMap};
 pub use rough_conductor::RoughConductor;
 pub use rough_dielectric::RoughDielectric;
 pub use sampling::{BsdfSample, GlossySample};
@@ -95,6 +97,8 @@ pub enum Material {
     Plastic(Box<Plastic>),
     /// A diffuse base under a rough coat.
     RoughPlastic(Box<RoughPlastic>),
+    /// Mitsuba's material of many parameters.
+    Principled(Box<Principled>),
     /// A surface with holes finer than a pixel.
     Mask {
         /// Share that is not hole, in [0, 1].
@@ -113,6 +117,12 @@ pub enum Material {
     TwoSided(Box<Material>),
     /// Nothing at all: a border that light passes.
     Null,
+}
+
+/// The direction in f64 and of unit length there: near total reflection the rounding to f32 would show.
+#[inline]
+fn wide(v: Vec3) -> DVec3 {
+    v.as_dvec3().normalize()
 }
 
 /// A weight or an opacity: one number in [0, 1].
@@ -160,7 +170,7 @@ impl Scattering {
 impl Material {
     /// f·|cos theta_i| of all lobes but the ideal ones [1/sr]; radiance scaled by n² across a boundary.
     pub fn eval(&self, wo: Vec3, wi: Vec3, uv: Vec2) -> Scattering {
-        let (o, i): (DVec3, DVec3) = (wo.as_dvec3(), wi.as_dvec3());
+        let (o, i) = (wide(wo), wide(wi));
         match self {
             Material::Diffuse { reflectance } if wo.z > 0.0 && wi.z > 0.0 => {
                 Scattering::diffuse(reflectance.at(uv) * (i.z * FRAC_1_PI))
@@ -169,6 +179,7 @@ impl Material {
             Material::RoughPlastic(plastic) => {
                 Scattering { diffuse: plastic.eval_base(o, i, uv), glossy: plastic.eval_coat(o, i, uv) }
             }
+            Material::Principled(p) => Scattering { diffuse: p.eval_diffuse(o, i, uv), glossy: p.eval_glossy(o, i, uv) },
             Material::RoughConductor(metal) => Scattering::glossy(metal.eval(o, i, uv)),
             Material::RoughDielectric(glass) => Scattering::glossy(glass.eval(o, i, uv)),
             Material::Mask { opacity, inner } => Scattering::default().blended(inner.eval(wo, wi, uv), share(opacity, uv)),
@@ -188,7 +199,9 @@ impl Material {
     /// True if some light leaves by a lobe that is neither diffuse nor ideal.
     pub fn has_glossy(&self) -> bool {
         match self {
-            Material::RoughConductor(_) | Material::RoughDielectric(_) | Material::RoughPlastic(_) => true,
+            Material::RoughConductor(_) | Material::RoughDielectric(_) | Material::RoughPlastic(_) | Material::Principled(_) => {
+                true
+            }
             Material::Mask { inner, .. } | Material::TwoSided(inner) => inner.has_glossy(),
             Material::Blend { parts, .. } => parts.iter().any(Material::has_glossy),
             Material::Diffuse { .. }
@@ -203,9 +216,10 @@ impl Material {
     /// Share of a uniform light that the glossy lobes send towards `wo`, from tables, to 1 %. Across a boundary it includes n².
     pub fn glossy_albedo(&self, wo: Vec3, uv: Vec2) -> Rgb {
         match self {
-            Material::RoughConductor(metal) => metal.albedo(wo.as_dvec3(), uv),
-            Material::RoughDielectric(glass) => glass.albedo(wo.as_dvec3(), uv),
-            Material::RoughPlastic(plastic) => plastic.coat_albedo(wo.as_dvec3(), uv),
+            Material::RoughConductor(metal) => metal.albedo(wide(wo), uv),
+            Material::RoughDielectric(glass) => glass.albedo(wide(wo), uv),
+            Material::RoughPlastic(plastic) => plastic.coat_albedo(wide(wo), uv),
+            Material::Principled(p) => p.glossy_albedo(wide(wo), uv),
             Material::Mask { opacity, inner } => inner.glossy_albedo(wo, uv) * share(opacity, uv),
             Material::Blend { weight, parts } => {
                 let weight = share(weight, uv);
@@ -227,6 +241,7 @@ impl Material {
             Material::RoughConductor(metal) => metal.alphas(uv).into_iter().fold(1.0, f64::min),
             Material::RoughDielectric(glass) => glass.alphas(uv).into_iter().fold(1.0, f64::min),
             Material::RoughPlastic(plastic) => plastic.alpha().min(1.0),
+            Material::Principled(p) => p.alphas(uv).into_iter().fold(1.0, f64::min),
             Material::Mask { inner, .. } | Material::TwoSided(inner) => inner.roughness(uv),
             Material::Blend { parts, .. } => parts[0].roughness(uv).min(parts[1].roughness(uv)),
             Material::Diffuse { .. }
@@ -242,6 +257,7 @@ impl Material {
     pub fn has_diffuse(&self) -> bool {
         match self {
             Material::Diffuse { .. } | Material::Plastic(_) | Material::RoughPlastic(_) => true,
+            Material::Principled(p) => p.has_diffuse(),
             Material::Mask { inner, .. } | Material::TwoSided(inner) => inner.has_diffuse(),
             Material::Blend { parts, .. } => parts.iter().any(Material::has_diffuse),
             Material::Conductor { .. }
@@ -259,6 +275,7 @@ impl Material {
             Material::Diffuse { reflectance } => reflectance.at(uv),
             Material::Plastic(plastic) => plastic.base_albedo(uv),
             Material::RoughPlastic(plastic) => plastic.base_albedo(uv),
+            Material::Principled(p) => p.diffuse_albedo(uv),
             Material::Mask { opacity, inner } => inner.diffuse_reflectance(uv) * share(opacity, uv),
             Material::Blend { weight, parts } => {
                 let weight = share(weight, uv);
@@ -299,6 +316,7 @@ impl Material {
             Material::Diffuse { reflectance } if wo.z > 0.0 => reflectance.at(uv),
             Material::Plastic(plastic) => plastic.base_toward(wo.z.into(), uv),
             Material::RoughPlastic(plastic) => plastic.base_toward(wo.z.into(), uv),
+            Material::Principled(p) => p.diffuse_toward(wo.z.into(), uv),
             Material::Mask { opacity, inner } => inner.diffuse_toward(wo, uv) * share(opacity, uv),
             Material::Blend { weight, parts } => {
                 let weight = share(weight, uv);
@@ -336,6 +354,7 @@ impl Material {
             Material::Diffuse { .. }
             | Material::Plastic(_)
             | Material::RoughPlastic(_)
+            | Material::Principled(_)
             | Material::RoughConductor(_)
             | Material::RoughDielectric(_) => Lobes::default(),
         }
@@ -349,6 +368,7 @@ impl Material {
             | Material::ThinDielectric { .. }
             | Material::Mask { .. }
             | Material::Null => true,
+            Material::Principled(p) => p.is_transmissive(),
             Material::Blend { parts, .. } => parts.iter().any(Material::is_transmissive),
             // Only ever part of one of the above, which it keeps from being mirrored.
             Material::TwoSided(_) => true,
@@ -372,6 +392,7 @@ impl Material {
             | Material::Dielectric { .. }
             | Material::RoughDielectric(_)
             | Material::Plastic(_)
+            | Material::Principled(_)
             | Material::RoughPlastic(_) => false,
         }
     }

@@ -3,7 +3,7 @@
 //! Light crosses the coat on the way in and on the way out. Between base and coat it may go back and forth, which the factor
 //! 1/(1 - rho F_in) sums; F_in is the coat's mean internal reflectance. The radiance that the base sends out shrinks by eta².
 
-use super::albedo::{AlbedoTable, CHANNELS, Range, above, mean_over_normals};
+use super::albedo::{AlbedoTable, CHANNELS, Range, above};
 use super::fresnel;
 use super::microfacet::{Distribution, Microfacet, reflected};
 use super::rough_conductor::reflection_pdf;
@@ -161,8 +161,8 @@ impl Coat {
             .into_par_iter()
             .map(|i| {
                 let view = above(i as f64 / (NODES - 1) as f64, 0.0);
-                let [.., outside] = mean_over_normals(&facets, view, points(eta), |m| shares(&facets, view, m, eta));
-                let [inside, ..] = mean_over_normals(&facets, view, points(1.0 / eta), |m| shares(&facets, view, m, 1.0 / eta));
+                let [.., outside] = facets.mean(view, points(eta), |m| shares(&facets, view, m, eta));
+                let [inside, ..] = facets.mean(view, points(1.0 / eta), |m| shares(&facets, view, m, 1.0 / eta));
                 [outside, inside * view.z]
             })
             .collect();

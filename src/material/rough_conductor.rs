@@ -20,8 +20,8 @@ pub struct RoughConductor {
 
 /// Lowest and highest roughness that two textures give, as a table needs it.
 pub(super) fn range_of(alpha: &[Texture; 2]) -> Range {
-    if let [Texture::Constant(u), Texture::Constant(v)] = alpha {
-        return Range::One(u.mean(), v.mean());
+    if let [Texture::Constant(_), Texture::Constant(_)] = alpha {
+        return Range::One(alpha[0].mean_scalar(), alpha[1].mean_scalar());
     }
     let low = alpha.iter().map(Texture::min_scalar).fold(f64::INFINITY, f64::min).max(1e-4);
     let high = alpha.iter().map(Texture::max_scalar).fold(low, f64::max);

@@ -1,7 +1,7 @@
 //! Drawing directions: from the glossy lobes alone, and from a whole material as a path tracer does.
 
-use super::{Material, faced, fresnel, share, specular, turned};
-use crate::math::{DVec2, DVec3, Rgb, Vec2, Vec3, warp};
+use super::{Material, faced, fresnel, share, specular, turned, wide};
+use crate::math::{DVec3, Rgb, Vec2, Vec3, warp};
 use std::f64::consts::FRAC_1_PI;
 
 /// A direction drawn from the glossy lobes of a material, all together.
@@ -60,23 +60,28 @@ fn cosine_pdf(wi: DVec3) -> f64 {
     wi.z.max(0.0) * FRAC_1_PI
 }
 
-fn wide(u: Vec2) -> DVec2 {
-    u.as_dvec2()
-}
-
 impl Material {
     /// A direction from the glossy lobes, from a point `u` of the unit square and a number `choice` in [0, 1).
     pub fn sample_glossy(&self, wo: Vec3, uv: Vec2, u: Vec2, choice: f32) -> Option<GlossySample> {
-        let o = wo.as_dvec3();
+        let o = wide(wo);
         let drawn = |wi: DVec3, weight: Rgb| {
             let wi = wi.as_vec3();
             let pdf = self.glossy_pdf(wo, wi, uv);
             (pdf > 0.0 && pdf.is_finite()).then_some(GlossySample { wi, weight, pdf })
         };
         match self {
-            Material::RoughConductor(metal) => metal.sample(o, uv, wide(u)).and_then(|(wi, weight)| drawn(wi, weight)),
-            Material::RoughPlastic(plastic) => plastic.sample_coat(o, uv, wide(u)).and_then(|(wi, weight)| drawn(wi, weight)),
-            Material::RoughDielectric(glass) => glass.sample(o, uv, wide(u), choice.into()).and_then(|d| drawn(d.wi, d.weight)),
+            Material::RoughConductor(metal) => metal.sample(o, uv, u.as_dvec2()).and_then(|(wi, weight)| drawn(wi, weight)),
+            Material::RoughPlastic(plastic) => {
+                plastic.sample_coat(o, uv, u.as_dvec2()).and_then(|(wi, weight)| drawn(wi, weight))
+            }
+            Material::RoughDielectric(glass) => {
+                glass.sample(o, uv, u.as_dvec2(), choice.into()).and_then(|d| drawn(d.wi, d.weight))
+            }
+            Material::Principled(p) => {
+                let wi = p.sample(o, uv, u.as_dvec2(), choice.into(), false)?.0.as_vec3();
+                let weight = p.eval_glossy(o, wide(wi), uv) / self.glossy_pdf(wo, wi, uv);
+                weight.is_finite().then(|| drawn(wide(wi), weight)).flatten()
+            }
             Material::Mask { opacity, inner } => {
                 let sample = inner.sample_glossy(wo, uv, u, choice)?;
                 Some(GlossySample { weight: sample.weight * share(opacity, uv), ..sample })
@@ -101,11 +106,12 @@ impl Material {
 
     /// Density of [`Self::sample_glossy`] [1/sr].
     pub fn glossy_pdf(&self, wo: Vec3, wi: Vec3, uv: Vec2) -> f64 {
-        let (o, i) = (wo.as_dvec3(), wi.as_dvec3());
+        let (o, i) = (wide(wo), wide(wi));
         match self {
             Material::RoughConductor(metal) => metal.pdf(o, i, uv),
             Material::RoughPlastic(plastic) => plastic.coat_pdf(o, i),
             Material::RoughDielectric(glass) => glass.pdf(o, i, uv),
+            Material::Principled(p) => p.pdf(o, i, uv, false),
             Material::Mask { inner, .. } => inner.glossy_pdf(wo, wi, uv),
             Material::Blend { parts, .. } => self
                 .first_share(uv)
@@ -134,7 +140,7 @@ impl Material {
 
     /// A direction from the whole material, ideal ones included, with the probabilities of Mitsuba's sampler of that name.
     pub fn sample(&self, wo: Vec3, uv: Vec2, u: Vec2, choice: f32) -> Option<BsdfSample> {
-        let o = wo.as_dvec3();
+        let o = wide(wo);
         // A direction that has a density, judged by the whole material.
         let spread = |wi: Vec3, eta: f64| {
             let pdf = self.pdf(wo, wi, uv);
@@ -143,9 +149,12 @@ impl Material {
         };
         match self {
             Material::Diffuse { .. } => (wo.z > 0.0).then(|| spread(warp::cosine_hemisphere(u), 1.0)).flatten(),
-            Material::RoughConductor(metal) => metal.sample(o, uv, wide(u)).and_then(|(wi, _)| spread(wi.as_vec3(), 1.0)),
+            Material::RoughConductor(metal) => metal.sample(o, uv, u.as_dvec2()).and_then(|(wi, _)| spread(wi.as_vec3(), 1.0)),
             Material::RoughDielectric(glass) => {
-                glass.sample(o, uv, wide(u), choice.into()).and_then(|d| spread(d.wi.as_vec3(), d.eta))
+                glass.sample(o, uv, u.as_dvec2(), choice.into()).and_then(|d| spread(d.wi.as_vec3(), d.eta))
+            }
+            Material::Principled(p) => {
+                p.sample(o, uv, u.as_dvec2(), choice.into(), true).and_then(|(wi, eta)| spread(wi.as_vec3(), eta))
             }
             Material::Plastic(plastic) if wo.z > 0.0 => {
                 let p = plastic.mirror_probability(o.z);
@@ -157,7 +166,7 @@ impl Material {
             }
             Material::RoughPlastic(plastic) if wo.z > 0.0 => {
                 if f64::from(choice) < plastic.coat_probability(o.z) {
-                    let (wi, _) = plastic.sample_coat(o, uv, wide(u))?;
+                    let (wi, _) = plastic.sample_coat(o, uv, u.as_dvec2())?;
                     return spread(wi.as_vec3(), 1.0);
                 }
                 spread(warp::cosine_hemisphere(u), 1.0)
@@ -169,11 +178,20 @@ impl Material {
             Material::Mask { opacity, inner } => {
                 let opacity = share(opacity, uv);
                 let (below, rest) = reused(choice, opacity);
-                if below { inner.sample(wo, uv, u, rest) } else { BsdfSample::ideal(-wo, Rgb::WHITE, 1.0 - opacity, 1.0) }
+                if !below {
+                    return BsdfSample::ideal(-wo, Rgb::WHITE, 1.0 - opacity, 1.0);
+                }
+                inner.sample(wo, uv, u, rest).map(|s| BsdfSample { pdf: s.pdf * opacity, ..s })
             }
             Material::Blend { weight, parts } => {
-                let (below, rest) = reused(choice, share(weight, uv));
-                parts[usize::from(below)].sample(wo, uv, u, rest)
+                let weight = share(weight, uv);
+                let (below, rest) = reused(choice, weight);
+                let sample = parts[usize::from(below)].sample(wo, uv, u, rest)?;
+                if sample.delta {
+                    let pdf = sample.pdf * if below { weight } else { 1.0 - weight };
+                    return Some(BsdfSample { pdf, ..sample });
+                }
+                spread(sample.wi, sample.eta)
             }
             Material::TwoSided(inner) if wo.z < 0.0 => inner.sample(turned(wo), uv, u, choice).map(BsdfSample::turned),
             Material::TwoSided(inner) => inner.sample(wo, uv, u, choice),
@@ -205,7 +223,7 @@ impl Material {
     ///
     /// As in Mitsuba, the parts of a mask or blend bring the densities of their own samplers.
     pub fn pdf(&self, wo: Vec3, wi: Vec3, uv: Vec2) -> f64 {
-        let (o, i) = (wo.as_dvec3(), wi.as_dvec3());
+        let (o, i) = (wide(wo), wide(wi));
         match self {
             Material::Diffuse { .. } if wo.z > 0.0 => cosine_pdf(i),
             Material::RoughConductor(metal) => metal.pdf(o, i, uv),
@@ -215,6 +233,7 @@ impl Material {
                 let p = plastic.coat_probability(o.z);
                 p * plastic.coat_pdf(o, i) + (1.0 - p) * cosine_pdf(i)
             }
+            Material::Principled(p) => p.pdf(o, i, uv, true),
             Material::Mask { opacity, inner } => inner.pdf(wo, wi, uv) * share(opacity, uv),
             Material::Blend { weight, parts } => {
                 let weight = share(weight, uv);

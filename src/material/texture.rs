@@ -83,6 +83,9 @@ impl Bitmap {
     }
 
     fn luminance_gradient(&self, uv: Vec2) -> DVec2 {
+        if self.filter == Filter::Nearest {
+            return DVec2::ZERO;
+        }
         let at = mapped(&self.to_uv, uv);
         let (x, y) = (at.x * self.width as f32 - 0.5, at.y * self.height as f32 - 0.5);
         let (x0, y0) = (x.floor(), y.floor());
@@ -116,17 +119,22 @@ fn mapped([a, b]: &[[f32; 3]; 2], uv: Vec2) -> Vec2 {
 }
 
 impl Checkerboard {
-    /// The texture that shows at `uv`.
+    /// The texture that shows at `uv`, or the other one.
     #[inline]
-    fn showing(&self, uv: Vec2) -> &Texture {
+    fn showing(&self, uv: Vec2, swapped: bool) -> &Texture {
         let at = mapped(&self.to_uv, uv);
         let upper = |t: f32| t - t.floor() > 0.5;
-        &self.colors[usize::from(upper(at.x) != upper(at.y))]
+        &self.colors[usize::from((upper(at.x) != upper(at.y)) != swapped)]
     }
 }
 
+/// One number of a plain colour: the mean of its channels, exactly so if it is grey.
+fn level(c: Rgb) -> f64 {
+    if c.r == c.g && c.g == c.b { c.r } else { c.mean() }
+}
+
 /// One number of a colour from an image: its luminance, in the digits that Mitsuba uses.
-fn luminance(c: Rgb) -> f64 {
+pub(super) fn luminance(c: Rgb) -> f64 {
     0.212_671 * c.r + 0.715_160 * c.g + 0.072_169 * c.b
 }
 
@@ -142,7 +150,7 @@ impl Texture {
         match self {
             Texture::Constant(value) => *value,
             Texture::Bitmap(bitmap) => bitmap.at(uv),
-            Texture::Checkerboard(board) => board.showing(uv).at(uv),
+            Texture::Checkerboard(board) => board.showing(uv, false).at(uv),
         }
     }
 
@@ -151,17 +159,18 @@ impl Texture {
     #[inline]
     pub fn scalar(&self, uv: Vec2) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(bitmap) => luminance(bitmap.at(uv)),
-            Texture::Checkerboard(board) => board.showing(uv).scalar(uv),
+            // Where a number is read, Mitsuba 3.9.1 has the two textures the other way round.
+            Texture::Checkerboard(board) => board.showing(uv, true).scalar(uv),
         }
     }
 
-    /// Derivatives of [`Self::scalar`] by u and v: of an image, of its bilinear interpolation whatever the filter; else 0.
+    /// Derivatives of [`Self::scalar`] by u and v: of an image that is interpolated; else 0.
     pub fn scalar_gradient(&self, uv: Vec2) -> DVec2 {
         match self {
             Texture::Bitmap(bitmap) => bitmap.luminance_gradient(uv),
-            Texture::Checkerboard(board) => board.showing(uv).scalar_gradient(uv),
+            Texture::Checkerboard(board) => board.showing(uv, true).scalar_gradient(uv),
             Texture::Constant(_) => DVec2::ZERO,
         }
     }
@@ -179,7 +188,7 @@ impl Texture {
     /// Mean of [`Self::scalar`].
     pub fn mean_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(_) => luminance(self.mean()),
             Texture::Checkerboard(board) => 0.5 * (board.colors[0].mean_scalar() + board.colors[1].mean_scalar()),
         }
@@ -198,7 +207,7 @@ impl Texture {
     /// Largest value of [`Self::scalar`].
     pub fn max_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(0.0, f64::max),
             Texture::Checkerboard(board) => board.colors[0].max_scalar().max(board.colors[1].max_scalar()),
         }
@@ -207,7 +216,7 @@ impl Texture {
     /// Smallest value of [`Self::scalar`].
     pub fn min_scalar(&self) -> f64 {
         match self {
-            Texture::Constant(value) => value.mean(),
+            Texture::Constant(value) => level(*value),
             Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(f64::INFINITY, f64::min),
             Texture::Checkerboard(board) => board.colors[0].min_scalar().min(board.colors[1].min_scalar()),
         }

@@ -150,7 +150,7 @@ fn unknown_names_list_the_near_ones() {
     for (body, at, words) in [
         ("<shape type='sphear'/>", "<shape", "known: sphere"),
         ("<bsdf type='difuse'/>", "<bsdf", "known: diffuse"),
-        ("<bsdf type='principled'/>", "<bsdf", "roughplastic"),
+        ("<bsdf type='hair'/>", "<bsdf", "roughplastic"),
         ("<emitter type='constantly'/>", "<emitter", "constant"),
         ("<shap type='cube'/>", "<shap", "known: shape"),
         ("<shape type='sphere'><float name='raduis' value='1'/></shape>", "<float", "known: radius"),

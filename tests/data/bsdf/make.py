@@ -67,6 +67,10 @@ TINT = RGB % ("specular_reflectance", "0.9, 0.7, 0.4")
 KT = RGB % ("specular_transmittance", "0.3, 0.8, 0.9")
 DIFFUSE = bsdf("diffuse", RGB % ("reflectance", "0.2, 0.5, 0.8"))
 
+def principled(color, **numbers):
+    return bsdf("principled", RGB % ("base_color", color), *(FLOAT % pair for pair in numbers.items()))
+
+
 SETS = {
     "diffuse 1": DIFFUSE,
     "diffuse 2": bsdf("diffuse"),
@@ -106,6 +110,25 @@ SETS = {
         FLOAT % ("weight", 0.5),
         bsdf("twosided", DIFFUSE),
         bsdf("roughdielectric", rough("ggx", 0.3), indices(1.5)),
+    ),
+    "principled plain": principled("0.2, 0.5, 0.8", roughness=0.6),
+    "principled metal": principled("0.9, 0.6, 0.2", roughness=0.5, metallic=0.7, spec_tint=0.4, anisotropic=0.5),
+    "principled cloth": principled("0.3, 0.2, 0.6", roughness=0.8, sheen=0.7, sheen_tint=0.6, flatness=0.5, eta=1.4),
+    "principled coated": principled("0.7, 0.1, 0.1", roughness=0.6, specular=0.8, clearcoat=0.9, clearcoat_gloss=0.2),
+    "principled glass": principled("0.9, 0.8, 0.6", roughness=0.5, spec_trans=1, eta=1.5),
+    "principled all": principled(
+        "0.8, 0.7, 0.3",
+        roughness=0.6,
+        metallic=0.2,
+        spec_trans=0.4,
+        spec_tint=0.3,
+        anisotropic=0.3,
+        sheen=0.3,
+        sheen_tint=0.2,
+        flatness=0.3,
+        clearcoat=0.6,
+        clearcoat_gloss=0.3,
+        specular=0.6,
     ),
     "delta conductor white": bsdf("conductor", TINT),
     "delta conductor Cu": bsdf("conductor", CU),
@@ -162,11 +185,13 @@ def is_stable(material, wo, wi, v):
     return True
 
 
-def spread(material, rng):
+def spread(material, name, xml, rng):
     records, empty = [], 0
     while len(records) < PAIRS:
         wo = direction(rng)
-        if rng.random() < 0.75:
+        # Below an opaque principled surface Mitsuba reports a density where there is no value.
+        opaque = name.startswith("principled") and "spec_trans" not in xml
+        if opaque or rng.random() < 0.75:
             wo = (wo[0], wo[1], abs(wo[2]))
         wi = direction(rng)
         if len(records) % 2:
@@ -205,7 +230,7 @@ def main():
     header, body = [], bytearray()
     for name, xml in SETS.items():
         material = mi.load_string(xml.replace("<bsdf", "<bsdf version='3.0.0'", 1))
-        records = ideal(material, rng) if name.startswith("delta") else spread(material, rng)
+        records = ideal(material, rng) if name.startswith("delta") else spread(material, name, xml, rng)
         header.append(json.dumps({"name": name, "count": len(records), "xml": xml}))
         for record in records:
             body += struct.pack("<10f", *record)
