@@ -21,7 +21,7 @@ const MOST_LOOKUPS: usize = 1 << 22;
 
 /// A cell is sampled as if it had at least this share of the emitter's mean radiance: what shines between the points at which
 /// its texture was looked up is then still found.
-const LEAST_SHARE: f64 = 0.01;
+const LEAST_SHARE: f64 = 0.05;
 
 /// Rows and columns of the grid over which the texture of a sphere is averaged.
 const SPHERE_GRID: usize = 512;
@@ -266,8 +266,8 @@ fn measure(corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]], texture: &Texture, area: f6
     let longest = (longest.fold(1.0, f32::max).min(1e6) as usize).max(1);
     let affordable = |most: usize| ((most / corners.len().max(1)) as f64).sqrt() as usize;
     let cells = Cells { per_edge: longest.min(MOST_PER_EDGE).min(affordable(MOST_CELLS)).max(1) };
-    // Points at half a texel's distance: the filter is linear between texels.
-    let wanted = (2 * longest).div_ceil(cells.per_edge);
+    // Four points along a texel: enough for a nearest-texel lookup, more than a bilinear one needs.
+    let wanted = (4 * longest).div_ceil(cells.per_edge);
     let points = Cells { per_edge: wanted.min(affordable(MOST_LOOKUPS) / cells.per_edge).max(2) };
     let radiance_of = |triangle: usize, cell: usize| {
         let values = (0..points.count()).map(|k| {
