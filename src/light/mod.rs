@@ -14,7 +14,7 @@ pub use directional::DirectionalLight;
 pub use environment::Environment;
 pub use point::PointLight;
 pub use spot::SpotLight;
-pub use tree::LightTree;
+pub use tree::{LightTree, LightView};
 
 use crate::math::{Rgb, Vec2, Vec3};
 use std::sync::Arc;

@@ -12,7 +12,7 @@ use wide::{CmpGe, CmpGt, CmpLe, f32x8};
 const WIDTH: usize = 8;
 
 /// Most nodes that are looked into before the first choice.
-const CUT: usize = 48;
+const CUT: usize = 32;
 
 /// Nodes are looked into whose ball has a radius above this share of its distance.
 const NEAR: f32 = 0.35;
@@ -115,74 +115,23 @@ impl LightTree {
         index
     }
 
-    /// A light by its likely contribution at `point`, on a receiver with normal `n` (`None`: in all directions), the probability of
-    /// that choice, and `u` made uniform again for another use. `None` if no light can contribute.
+    /// The tree as seen from `point` by a receiver with normal `n` (`None`: one that faces all ways). Made once for all picks there.
+    #[inline]
+    pub fn view(&self, point: Vec3, n: Option<Vec3>) -> LightView<'_> {
+        let cut = (!self.nodes.is_empty()).then(|| Cut::new(&self.nodes, point, n));
+        let shares = self.shares(n, cut.as_ref());
+        LightView { tree: self, point, n, cut, shares }
+    }
+
+    /// One pick of [`LightTree::view`].
     #[inline]
     pub fn pick(&self, point: Vec3, n: Option<Vec3>, u: f32) -> Option<(usize, f64, f32)> {
-        let cut = self.cut(point, n);
-        let shares = self.shares(n, cut.as_ref());
-        let mut u = f64::from(u);
-        for (share, (light, _)) in self.beside.iter().enumerate().map(|(k, l)| (shares.beside(k), l)) {
-            if u < share {
-                return Some((*light as usize, share, shrink(u / share)));
-            }
-            u -= share;
-        }
-        if shares.tree <= 0.0 {
-            // Rounding led past the last light beside the tree, or there is none.
-            let k = (0..self.beside.len()).rev().find(|&k| shares.beside(k) > 0.0)?;
-            return Some((self.beside[k].0 as usize, shares.beside(k), 0.0));
-        }
-        let mut u = (u / shares.tree).min(1.0 - f64::EPSILON);
-        let mut probability = shares.tree;
-        let cut = cut?;
-        let mut weighed = cut.entries[0];
-        loop {
-            let (child, share, rest) = weighed.choose(u);
-            probability *= share;
-            u = rest;
-            weighed = match (self.nodes[weighed.node as usize].children[child], weighed.entry[child]) {
-                (Child::Light(light), _) => return Some((light as usize, probability, shrink(u))),
-                (Child::Node(next), 0) => self.weigh(next, point, n),
-                (Child::Node(_), entry) => cut.entries[entry as usize],
-            };
-        }
+        self.view(point, n).pick(u)
     }
 
-    /// The cut for a receiver; `None` if no light has a place.
-    #[inline]
-    fn cut(&self, point: Vec3, n: Option<Vec3>) -> Option<Cut> {
-        (!self.nodes.is_empty()).then(|| Cut::new(&self.nodes, point, n))
-    }
-
-    /// The weights of a node below the cut, or its strengths if all are 0: whoever came here takes some light, even though none
-    /// contributes, so that probabilities still sum to 1.
-    #[inline]
-    fn weigh(&self, node: u32, point: Vec3, n: Option<Vec3>) -> Weighed {
-        let of = |each: [f32; WIDTH]| Weighed { node, each: each.map(f64::from), entry: [0; WIDTH] };
-        let weighed = of(self.nodes[node as usize].weights(point, n).0);
-        if weighed.total() > 0.0 { weighed } else { of(self.nodes[node as usize].strength) }
-    }
-
-    /// Probability with which [`LightTree::pick`] at `point` with normal `n` finds `light`; 0 if never.
+    /// One probability of [`LightTree::view`].
     pub fn probability(&self, point: Vec3, n: Option<Vec3>, light: usize) -> f64 {
-        let cut = self.cut(point, n);
-        let shares = self.shares(n, cut.as_ref());
-        if let Some(k) = self.beside.iter().position(|(l, _)| *l as usize == light) {
-            return shares.beside(k);
-        }
-        let (Some(&Some(mut place)), Some(cut)) = (self.places.get(light), cut) else { return 0.0 };
-        let mut probability = shares.tree;
-        while probability > 0.0 {
-            let in_cut = cut.entries[..cut.len].iter().find(|e| e.node == place.node);
-            let weighed = in_cut.copied().unwrap_or_else(|| self.weigh(place.node, point, n));
-            probability *= weighed.each[place.child as usize] / weighed.total();
-            match self.nodes[place.node as usize].parent {
-                Some(parent) => place = parent,
-                None => return probability,
-            }
-        }
-        0.0
+        self.view(point, n).probability(light)
     }
 
     /// How picks are shared among the lights beside the tree and the tree: half of them evenly, half by rough irradiance, since
@@ -209,17 +158,83 @@ impl LightTree {
     }
 }
 
+/// A [`LightTree`] as seen from one receiver.
+pub struct LightView<'a> {
+    tree: &'a LightTree,
+    point: Vec3,
+    n: Option<Vec3>,
+    /// `None` if no light has a place.
+    cut: Option<Cut>,
+    shares: Shares,
+}
+
+impl LightView<'_> {
+    /// A light by its likely contribution, the probability of that choice, and `u` made uniform again for another use. `None` if
+    /// no light can contribute. Growing `u` passes the lights in a fixed order, so that evenly spaced ones pick evenly.
+    #[inline]
+    pub fn pick(&self, u: f32) -> Option<(usize, f64, f32)> {
+        let (tree, shares) = (self.tree, &self.shares);
+        let mut u = f64::from(u);
+        for (&share, (light, _)) in shares.each.iter().zip(&tree.beside) {
+            if u < share {
+                return Some((*light as usize, share, shrink(u / share)));
+            }
+            u -= share;
+        }
+        let Some(cut) = self.cut.as_ref().filter(|_| shares.tree > 0.0) else {
+            // Rounding led past the last light beside the tree, or there is none.
+            let k = shares.each.iter().rposition(|s| *s > 0.0)?;
+            return Some((tree.beside[k].0 as usize, shares.each[k], 0.0));
+        };
+        let mut u = (u / shares.tree).min(1.0 - f64::EPSILON);
+        let mut probability = shares.tree;
+        let mut weighed = cut.entries[0];
+        loop {
+            let (child, share, rest) = weighed.choose(u);
+            probability *= share;
+            u = rest;
+            weighed = match (tree.nodes[weighed.node as usize].children[child], weighed.entry[child]) {
+                (Child::Light(light), _) => return Some((light as usize, probability, shrink(u))),
+                (Child::Node(next), 0) => self.weigh(next),
+                (Child::Node(_), entry) => cut.entries[entry as usize],
+            };
+        }
+    }
+
+    /// Probability with which [`LightView::pick`] finds `light`; 0 if never.
+    pub fn probability(&self, light: usize) -> f64 {
+        let (tree, shares) = (self.tree, &self.shares);
+        if let Some(k) = tree.beside.iter().position(|(l, _)| *l as usize == light) {
+            return shares.each[k];
+        }
+        let (Some(&Some(mut place)), Some(cut)) = (tree.places.get(light), &self.cut) else { return 0.0 };
+        let mut probability = shares.tree;
+        while probability > 0.0 {
+            let in_cut = cut.entries[..cut.len].iter().find(|e| e.node == place.node);
+            let weighed = in_cut.copied().unwrap_or_else(|| self.weigh(place.node));
+            probability *= weighed.each[place.child as usize] / weighed.total();
+            match tree.nodes[place.node as usize].parent {
+                Some(parent) => place = parent,
+                None => return probability,
+            }
+        }
+        0.0
+    }
+
+    /// The weights of a node below the cut, or its strengths if all are 0: whoever came here takes some light, even though none
+    /// contributes, so that probabilities still sum to 1.
+    #[inline]
+    fn weigh(&self, node: u32) -> Weighed {
+        let of = |each: [f32; WIDTH]| Weighed { node, each: each.map(f64::from), entry: [0; WIDTH] };
+        let weighed = of(self.tree.nodes[node as usize].weights(self.point, self.n).0);
+        if weighed.total() > 0.0 { weighed } else { of(self.tree.nodes[node as usize].strength) }
+    }
+}
+
 /// Probabilities of the tree and of each light beside it.
 struct Shares {
     tree: f64,
     each: Vec<f64>,
-}
-
-impl Shares {
-    #[inline]
-    fn beside(&self, k: usize) -> f64 {
-        self.each[k]
-    }
 }
 
 /// A node whose children have been weighed.

@@ -4,7 +4,7 @@ use super::*;
 use crate::geometry::{Mesh, Sphere};
 use crate::light::{AreaLight, DirectionalLight, Emitter, Environment, PointLight, SpotLight};
 use crate::material::Texture;
-use crate::math::{DMat3, Frame, Rgb, Sampler, Vec2, warp};
+use crate::math::{DMat3, Frame, Rgb, Sampler, warp};
 use std::sync::Arc;
 
 fn vector(s: &mut Sampler) -> Vec3 {
@@ -203,16 +203,25 @@ fn time_of_four_picks() {
     let lights = mixed(1000);
     let tree = all(&lights);
     let at: Vec<_> = receivers(1000).collect();
-    let start = std::time::Instant::now();
     let mut sum = 0;
+    let mut best = f64::INFINITY;
     for round in 0..100 {
+        let start = std::time::Instant::now();
         for (point, n) in &at {
+            let view = tree.view(*point, *n);
             for k in 0..4 {
                 let u = (k as f32 + 0.01 * round as f32) / 4.0;
-                sum += tree.pick(*point, *n, u).map_or(0, |p| p.0);
+                sum += view.pick(u).map_or(0, |p| p.0);
             }
         }
+        // The best round: others share the machine.
+        best = best.min(start.elapsed().as_secs_f64() * 1e6 / at.len() as f64);
     }
-    println!("{:.3} us for four picks ({sum})", start.elapsed().as_secs_f64() * 1e6 / 1e5);
-    let _ = Vec2::ZERO;
+    let start = std::time::Instant::now();
+    let mut total = 0.0;
+    for (point, n) in &at {
+        total += lights.iter().map(|l| l.importance(*point, n.unwrap_or(Vec3::X))).sum::<f64>();
+    }
+    let linear = start.elapsed().as_secs_f64() * 1e6 / at.len() as f64;
+    println!("{best:.3} us for four picks ({sum}); {linear:.3} us to look at every light ({total})");
 }
