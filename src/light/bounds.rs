@@ -5,7 +5,7 @@ use crate::geometry::{Bounds, triangle};
 use crate::math::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Box, directions and strength of a light or of a group of lights [ContyKulla18, section 4].
+/// Box, directions and strength of a light or of a group of lights [ContyKulla18].
 #[derive(Debug, Clone, Copy)]
 pub struct EmissionBounds {
     /// Box of all emitting points.
@@ -69,7 +69,7 @@ impl EmissionBounds {
     }
 
     /// Cost of a group in the heuristic by which groups are split: strength times the directions and the surface that it spreads
-    /// over [ContyKulla18, equation 1], the surface being that of the ball around the box.
+    /// over [ContyKulla18], the surface being that of the ball around the box.
     pub fn cost(&self) -> f64 {
         let spread = (self.normals + self.emission).min(PI);
         let (sin, cos) = self.normals.sin_cos();

@@ -1,6 +1,6 @@
 //! A tree over many lights: picks one by its likely contribution at a point, in time that grows with their logarithm.
 //!
-//! After [ContyKulla18] and pbrt-v4, but with eight children a node, which are weighed at once, and with a look into all large
+//! After [ContyKulla18] and [PBRT4], but with eight children a node, which are weighed at once, and with a look into all large
 //! nodes nearby before the first choice, which in a room full of lamps lowers the variance several times.
 
 use super::Light;
@@ -25,6 +25,9 @@ const SLACK: f32 = 1e-8;
 
 /// Least factor for a direction in which light may leave; it keeps grazing and dim parts of a cone possible.
 const LEAST_COSINE: f32 = 0.02;
+
+/// Lights by their index in the caller's list, with their bounds.
+type Group = Vec<(u32, EmissionBounds)>;
 
 /// Where a light stands: its node and which child it is.
 #[derive(Debug, Clone, Copy)]
@@ -90,7 +93,7 @@ impl LightTree {
     }
 
     /// Adds the node of a group and all below it; its index.
-    fn build(&mut self, lights: Vec<(u32, EmissionBounds)>, parent: Option<Place>) -> u32 {
+    fn build(&mut self, lights: Group, parent: Option<Place>) -> u32 {
         let index = self.nodes.len() as u32;
         let mut groups = vec![lights];
         while groups.len() < WIDTH {
@@ -346,7 +349,7 @@ impl Node {
         node
     }
 
-    /// Rough irradiance from each child at `point`, with receiver `n`; 0 only where the truth is [ContyKulla18, equation 3]. And
+    /// Rough irradiance from each child at `point`, with receiver `n`; 0 only where the truth is [ContyKulla18]. And
     /// which children are near: the ball around them looks large from there.
     ///
     /// All children at once. Angles are subtracted by their sines and cosines.
@@ -399,7 +402,7 @@ fn union(lights: &[(u32, EmissionBounds)]) -> EmissionBounds {
 }
 
 /// Divides a group of two or more where the sum of the costs of both parts is least.
-fn split(mut lights: Vec<(u32, EmissionBounds)>) -> (Vec<(u32, EmissionBounds)>, Vec<(u32, EmissionBounds)>) {
+fn split(mut lights: Group) -> (Group, Group) {
     let center = |b: &EmissionBounds, axis: usize| b.bounds.center()[axis];
     let mut best: Option<(f64, usize, f32)> = None;
     for axis in 0..3 {
