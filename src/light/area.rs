@@ -5,6 +5,7 @@ use super::{LightHit, LightSample};
 use crate::geometry::{Bounds, Mesh, Sphere, offset_origin, triangle};
 use crate::material::Texture;
 use crate::math::{CompensatedSum, DVec2, Frame, Rgb, Vec2, Vec3, warp};
+use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Relative bound on the rounding of a point on a spherical lamp, in units of its largest coordinate.
@@ -16,12 +17,15 @@ const MOST_PER_EDGE: usize = 64;
 /// Most cells of a textured emitter, whatever the number of its triangles.
 const MOST_CELLS: usize = 1 << 18;
 
+/// Lookups along the edge of a textured triangle, at least: a border between texels is then off by less than 1/1000 of the edge.
+const LEAST_LOOKUPS_PER_EDGE: usize = 512;
+
 /// Most lookups that measure a textured emitter.
 const MOST_LOOKUPS: usize = 1 << 22;
 
 /// A cell is sampled as if it had at least this share of the emitter's mean radiance: what shines between the points at which
 /// its texture was looked up is then still found.
-const LEAST_SHARE: f64 = 0.01;
+const LEAST_SHARE: f64 = 0.05;
 
 /// Rows and columns of the grid over which the texture of a sphere is averaged.
 const SPHERE_GRID: usize = 512;
@@ -268,8 +272,7 @@ fn measure(corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]], texture: &Texture, area: f6
     let longest = (longest.fold(1.0, f32::max).min(1e6) as usize).max(1);
     let affordable = |most: usize| ((most / corners.len().max(1)) as f64).sqrt() as usize;
     let cells = Cells { per_edge: longest.min(MOST_PER_EDGE).min(affordable(MOST_CELLS)).max(1) };
-    // Points at half a texel's distance: the filter is linear between texels.
-    let wanted = (2 * longest).div_ceil(cells.per_edge);
+    let wanted = (4 * longest).max(LEAST_LOOKUPS_PER_EDGE).div_ceil(cells.per_edge);
     let points = Cells { per_edge: wanted.min(affordable(MOST_LOOKUPS) / cells.per_edge).max(2) };
     let radiance_of = |triangle: usize, cell: usize| {
         let values = (0..points.count()).map(|k| {
@@ -280,7 +283,7 @@ fn measure(corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]], texture: &Texture, area: f6
     };
     let n = cells.count();
     let cell_area: Vec<f64> = corners.iter().map(|&[a, b, c]| triangle::area_vector(a, b, c).length() / n as f64).collect();
-    let radiance: Vec<Rgb> = (0..corners.len() * n).map(|i| radiance_of(i / n, i % n)).collect();
+    let radiance: Vec<Rgb> = (0..corners.len() * n).into_par_iter().map(|i| radiance_of(i / n, i % n)).collect();
     let mean: Rgb = radiance.iter().enumerate().map(|(i, l)| *l * (cell_area[i / n] / area)).sum();
     let least = LEAST_SHARE * mean.luminance();
     let mut sum = CompensatedSum::default();

@@ -1,17 +1,20 @@
 //! Emitters: how to find light from a point, how likely a direction was to be found, and how much power there is.
 
 pub mod area;
+pub mod bounds;
 pub mod cells;
 pub mod directional;
 pub mod environment;
 pub mod point;
 pub mod spot;
+pub mod tree;
 
 pub use area::{AreaLight, Emitter};
 pub use directional::DirectionalLight;
 pub use environment::Environment;
 pub use point::PointLight;
 pub use spot::SpotLight;
+pub use tree::{LightTree, LightView};
 
 use crate::math::{Rgb, Vec2, Vec3};
 use std::sync::Arc;

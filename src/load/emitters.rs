@@ -3,15 +3,12 @@
 use super::error::{LoadError, LoadErrorKind};
 use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Object, Property, Value};
+use super::spectrum;
 use crate::light::Environment;
 use crate::material::Texture;
 use crate::math::{DAffine3, DMat3, DVec3, Rgb};
 use crate::scene::LightSource;
 use std::sync::Arc;
-
-/// Linear sRGB of light with the same power at all wavelengths and Y = 1: the first column sums of the XYZ to sRGB matrix
-/// (IEC 61966-2-1) over X = Y = Z = 1.
-const EQUAL_ENERGY: Rgb = Rgb::new(1.204_785, 0.948_301, 0.908_843);
 
 /// Relative departure from equal and perpendicular axes that counts as rounding of the numbers in a file.
 const SAME_SHAPE: f64 = 1e-4;
@@ -153,7 +150,15 @@ impl<'a> Loader<'a> {
     fn light_value(&mut self, emitter: &Object, property: &'a Property) -> Result<Rgb, LoadError> {
         match &property.value {
             Value::Rgb(value) => Ok(*value),
-            Value::Uniform(value) => Ok(EQUAL_ENERGY * *value),
+            Value::Uniform(value) => Ok(spectrum::EQUAL_ENERGY * *value),
+            Value::Spectrum(samples) => {
+                let (colour, beyond) = spectrum::light(samples);
+                if beyond {
+                    let what = format!("{}: its {} lies beyond the sRGB gamut and is clipped", emitter.describe(), property.name);
+                    self.warnings.push(what);
+                }
+                Ok(colour)
+            }
             _ => {
                 let texture = self.texture_of(property).ok_or_else(|| property.must_be("an rgb, a spectrum or a texture"))?;
                 let what = format!("a textured {} of {}", property.name, emitter.describe());
@@ -206,14 +211,4 @@ fn point_position(emitter: &Object) -> Result<DVec3, LoadError> {
         return Err(one_of_two(&position.place, "position"));
     }
     Ok(position.value)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn equal_energy_light_has_unit_luminance() {
-        assert!((EQUAL_ENERGY.luminance() - 1.0).abs() < 1e-4, "{}", EQUAL_ENERGY.luminance());
-    }
 }

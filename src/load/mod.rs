@@ -25,6 +25,7 @@ mod ply;
 mod scan;
 mod sensor;
 mod shapes;
+mod spectrum;
 mod textures;
 mod transform;
 mod upgrade;

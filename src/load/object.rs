@@ -71,6 +71,8 @@ pub(super) enum Value {
     Rgb(Rgb),
     /// `<spectrum>` that is the same at all wavelengths.
     Uniform(f64),
+    /// `<spectrum>` by values at growing wavelengths [nm].
+    Spectrum(Vec<(f64, f64)>),
     /// `<point>` or `<vector>`.
     Point(DVec3),
     Transform(DAffine3),
@@ -110,6 +112,7 @@ impl Value {
             Value::Text(v) => format!("\"{v}\""),
             Value::Rgb(c) => format!("rgb {}, {}, {}", c.r, c.g, c.b),
             Value::Uniform(v) => format!("spectrum {v}"),
+            Value::Spectrum(samples) => format!("a spectrum of {} wavelengths", samples.len()),
             Value::Point(p) => format!("point {}, {}, {}", p.x, p.y, p.z),
             Value::Transform(_) => "a transform".to_owned(),
             Value::Object(o) => o.describe(),

@@ -332,6 +332,12 @@ fn value(tag: &mut Tag) -> Result<Value, LoadError> {
     if tag.name == "spectrum" && tag.attributes.iter().any(|(n, _)| n == "filename") {
         return Err(tag.place.error(LoadErrorKind::Unsupported { what: "a spectrum from a file".to_owned() }));
     }
+    if tag.name == "spectrum"
+        && let Some(plugin) = tag.optional("type")
+    {
+        let what = format!("a spectrum of type \"{}\"", short(&plugin.value));
+        return Err(plugin.place.error(LoadErrorKind::Unsupported { what }));
+    }
     let text = tag.needed("value")?;
     match tag.name.as_str() {
         "integer" => {
@@ -352,9 +358,24 @@ fn value(tag: &mut Tag) -> Result<Value, LoadError> {
         },
         _ => match transform::numbers(&text.value).as_deref() {
             Some(&[value]) => Ok(Value::Uniform(value)),
-            _ => Err(text.must_be("value", "one finite number, the same at all wavelengths")),
+            _ => spectrum(&text.value).map(Value::Spectrum).ok_or_else(|| {
+                text.must_be("value", "one finite number, or wavelength:value for two or more growing wavelengths")
+            }),
         },
     }
+}
+
+/// Pairs such as `400:0.1, 700:0.3`, two or more, by growing wavelength.
+fn spectrum(text: &str) -> Option<Vec<(f64, f64)>> {
+    let pairs = text.split(|c: char| c == ',' || c.is_ascii_whitespace()).filter(|t| !t.is_empty()).map(|pair| {
+        let (wavelength, value) = pair.split_once(':')?;
+        match (transform::numbers(wavelength).as_deref(), transform::numbers(value).as_deref()) {
+            (Some(&[wavelength]), Some(&[value])) => Some((wavelength, value)),
+            _ => None,
+        }
+    });
+    let pairs: Vec<_> = pairs.collect::<Option<_>>()?;
+    (pairs.len() > 1 && pairs.is_sorted_by(|a, b| a.0 < b.0)).then_some(pairs)
 }
 
 /// One operation of a `<transform>`.

@@ -197,6 +197,34 @@ fn lights_are_where_the_file_says() {
 }
 
 #[test]
+fn spots_and_suns_are_read_and_what_cannot_be_rendered_is_told() {
+    let body = "<emitter type='spot'><transform name='to_world'><lookat origin='1, 2, 3' target='1, 2, 9' up='0, 1, 0'/></transform>
+        <spectrum name='intensity' value='300:2, 900:2'/><float name='cutoff_angle' value='40'/></emitter>
+        <emitter type='directional'><vector name='direction' x='0' y='-3' z='0'/><rgb name='irradiance' value='1, 2, 3'/></emitter>";
+    let scene = scene(body);
+    let twopass::light::Light::Spot(spot) = &scene.lights[0] else { panic!("a spot") };
+    assert_eq!(spot.position.as_dvec3() + scene.origin, DVec3::new(1.0, 2.0, 3.0));
+    assert!((spot.axis - DVec3::Z).length() < 1e-12 && (spot.cutoff - 40.0_f64.to_radians()).abs() < 1e-12);
+    // Mitsuba's default: three quarters of the cut-off angle.
+    assert!((spot.beam_width - 30.0_f64.to_radians()).abs() < 1e-12);
+    close(spot.intensity, [2.0 * 1.2049, 2.0 * 0.9482, 2.0 * 0.9093], 1e-3);
+    let twopass::light::Light::Directional(sun) = &scene.lights[1] else { panic!("a sun") };
+    assert_eq!((sun.direction, sun.irradiance), (Vec3::NEG_Y, Rgb::new(1.0, 2.0, 3.0)));
+    for (body, wanted) in [
+        ("<emitter type='sunsky'/>", "bake it into an image"),
+        ("<emitter type='spot'><float name='beam_width' value='30'/></emitter>", "from 0 to the cut-off angle of 20"),
+        ("<emitter type='directional'><vector name='direction' x='0' y='0' z='0'/></emitter>", "a vector with a length"),
+        ("<emitter type='point'><spectrum name='intensity' value='500:1, 400:2'/></emitter>", "growing wavelengths"),
+        ("<emitter type='point'><spectrum name='intensity' type='blackbody'/></emitter>", "blackbody"),
+        ("<shape type='rectangle'><emitter type='directionalarea'/></shape>", "along its normal"),
+        ("<emitter type='spot'><transform name='to_world'><scale x='2'/></transform></emitter>", "stretches or shears"),
+    ] {
+        let told = Fixture::new(body).load().expect_err(body).to_string();
+        assert!(told.contains(wanted) && told.contains(".xml:"), "{body}: {told}");
+    }
+}
+
+#[test]
 fn the_mean_of_an_environment_map_is_over_the_sphere() {
     // Rows at theta = pi r/16; only the middle one shines. The mean of a hat of width h about the equator is (1 - cos h)/h.
     let write = |f: fn(usize) -> f32| {

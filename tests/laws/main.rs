@@ -4,6 +4,7 @@ mod accel_conformance;
 mod architecture;
 mod bad_input;
 mod cli;
+mod emitters;
 mod furnace;
 mod invariance;
 mod light;
