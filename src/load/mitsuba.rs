@@ -2,13 +2,12 @@
 
 use super::error::{LoadError, LoadErrorKind, Place, near};
 use super::files::Files;
+use super::instances::{self, Groups, Pending};
 use super::object::{Class, Ids, Object};
-use super::shapes::PendingShape;
 use super::textures::{self, Pictures};
 use crate::material::{MaterialId, Surface};
 use crate::math::{DVec3, Rgb};
 use crate::scene::SceneSource;
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// What is known of a scene while it is read.
@@ -28,6 +27,7 @@ pub(super) struct Loader<'a> {
     pub pictures: Pictures,
     pub point_lights: Vec<(DVec3, Rgb)>,
     pub environment: Option<Rgb>,
+    pub groups: Groups,
     pub made_ids: u32,
 }
 
@@ -51,6 +51,7 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         pictures: textures::decode_all(root, files),
         point_lights: Vec::new(),
         environment: None,
+        groups: Groups::default(),
         made_ids: 0,
     };
     let sensors = root.children(ids, Class::SENSOR);
@@ -68,20 +69,20 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
     for (_, texture) in root.children(ids, Class::TEXTURE) {
         loader.texture_object(texture)?;
     }
-    let shapes: Vec<PendingShape> =
-        root.children(ids, Class::SHAPE).into_iter().map(|(_, s)| loader.shape(s)).collect::<Result<_, _>>()?;
+    let mut pending: Vec<Pending> = Vec::new();
+    for (_, shape) in root.children(ids, Class::SHAPE) {
+        pending.extend(loader.pending(shape)?);
+    }
     for (_, emitter) in root.children(ids, Class::EMITTER) {
         loader.emitter(emitter)?;
     }
     root.finish()?;
-    let places = shapes.iter().map(|s| s.place.clone()).collect();
-    // Files are read side by side; of several faults the first in file order is told.
-    let shapes: Vec<_> = shapes.into_par_iter().map(|s| s.read(files)).collect();
+    let (shapes, places) = instances::read_all(pending, loader.groups, files)?;
     let source = SceneSource {
         name,
         camera,
         film,
-        shapes: shapes.into_iter().collect::<Result<_, _>>()?,
+        shapes,
         materials: loader.surfaces,
         point_lights: loader.point_lights,
         environment: loader.environment.unwrap_or(Rgb::BLACK),

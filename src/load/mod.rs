@@ -14,6 +14,7 @@ mod bsdf;
 mod emitters;
 mod error;
 mod files;
+mod instances;
 mod ior;
 mod mesh;
 mod mitsuba;
@@ -66,6 +67,8 @@ pub struct Limits {
     pub xml_nodes: u32,
     /// Bytes of one mesh file.
     pub mesh_bytes: u64,
+    /// Triangles in all, instances counted one by one.
+    pub triangles: u64,
     /// Bytes of one image file.
     pub image_bytes: u64,
     /// Pixels of one image, which take 12 bytes each.
@@ -84,6 +87,7 @@ impl Default for Limits {
             xml_bytes: 64 << 20,
             xml_nodes: 2_000_000,
             mesh_bytes: 8 << 30,
+            triangles: 200_000_000,
             image_bytes: 1 << 30,
             image_pixels: 1 << 27,
             film_pixels: 16_384 * 16_384,

@@ -21,13 +21,13 @@ const DISK_SIDES: u32 = 64;
 const CYLINDER_SIDES: u32 = 64;
 
 /// Bands of a sphere that cannot be exact; their edges are off by about 1e-3 of the radius.
-const SPHERE_BANDS: u32 = 48;
+pub(super) const SPHERE_BANDS: u32 = 48;
 
 /// Relative difference below which a sphere's axes count as equal.
 const SAME_SCALE: f64 = 1e-4;
 
 /// All that can be read.
-const KNOWN: [&str; 7] = ["obj", "ply", "rectangle", "cube", "sphere", "disk", "cylinder"];
+const KNOWN: [&str; 9] = ["obj", "ply", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"];
 
 /// A shape whose mesh file may still have to be read.
 pub(super) struct PendingShape {
@@ -35,6 +35,7 @@ pub(super) struct PendingShape {
     pub place: Place,
     material: MaterialId,
     emission: Rgb,
+    emits: bool,
     geometry: Geometry,
 }
 
@@ -83,7 +84,8 @@ impl<'a> Loader<'a> {
         // A hint for Mitsuba's differentiable rendering.
         shape.ignore(&["silhouette_sampling_weight"]);
         shape.finish()?;
-        Ok(PendingShape { id, place: shape.place.clone(), material, emission, geometry })
+        let emits = emitter.is_some();
+        Ok(PendingShape { id, place: shape.place.clone(), material, emission, emits, geometry })
     }
 
     fn default_material(&mut self, emits: bool) -> MaterialId {
@@ -96,7 +98,7 @@ impl<'a> Loader<'a> {
         id
     }
 
-    fn make_id(&mut self, plugin: &str) -> String {
+    pub fn make_id(&mut self, plugin: &str) -> String {
         loop {
             self.made_ids += 1;
             let id = format!("{plugin}-{}", self.made_ids);
@@ -201,6 +203,11 @@ impl PendingShape {
             Geometry::File(file) => SurfaceSource::Triangles(file.read(files)?),
         };
         Ok(ShapeSource { id: self.id, surface, material: self.material, emission: self.emission })
+    }
+
+    /// True if it has an emitter, even a black one.
+    pub fn emits(&self) -> bool {
+        self.emits
     }
 }
 

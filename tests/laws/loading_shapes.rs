@@ -1,6 +1,7 @@
 //! Geometry of shapes against points that Mitsuba 3.9.1 reports for rays at the same shapes.
 
 use crate::loading::{Fixture, corners, scene};
+use twopass::load::LoadErrorKind;
 use twopass::math::{DVec3, Vec2};
 use twopass::scene::{Scene, ShapeSurface};
 
@@ -143,4 +144,68 @@ fn spheres_stay_exact_where_nobody_can_tell_the_difference() {
     let scene = scene(&format!("<shape type='sphere'>{turn}{checks}</shape>"));
     let uv = [0.866025_f32.atan2(0.3) / std::f32::consts::TAU, (-0.4_f32).acos() / std::f32::consts::PI];
     expect(&scene, 0, [0.3, 0.4, 0.866025], [0.3, 0.4, 0.866025], uv, 2e-3);
+}
+
+/// A group "g" of a rectangle and what else `members` says, and its instances by their operations.
+fn instances(members: &str, operations: &[&str]) -> String {
+    let group = format!("<shape type='shapegroup' id='g'><shape type='rectangle' id='r'/>{members}</shape>");
+    let instance = |o: &&str| format!("<shape type='instance'><ref id='g'/><transform name='to_world'>{o}</transform></shape>");
+    group + &operations.iter().map(instance).collect::<String>()
+}
+
+#[test]
+fn instances_are_placed_after_their_group() {
+    let operations = ["", "<scale z='-1'/>", "<scale x='-1'/>", "<scale value='2'/><rotate y='1' angle='90'/><translate x='7'/>"];
+    let scene = scene(&instances("<shape type='sphere' id='s'><point name='center' x='3' y='0' z='0'/></shape>", &operations));
+    let ids: Vec<_> = scene.shapes.iter().map(|s| s.id.as_str()).collect();
+    assert_eq!(ids.len(), 8, "two shapes in each of four instances, and no group by itself: {ids:?}");
+    assert!(ids[0].ends_with("/r") && ids[1].ends_with("/s"), "{ids:?}");
+    // As Mitsuba says: normals follow the transform, so a mirroring in the plane of the rectangle leaves them alone.
+    expect(&scene, 0, [0.3, 0.4, 0.0], [0.0, 0.0, 1.0], [0.65, 0.7], 1e-6);
+    expect(&scene, 2, [0.3, 0.4, 0.0], [0.0, 0.0, -1.0], [0.65, 0.7], 1e-6);
+    expect(&scene, 4, [0.3, 0.4, 0.0], [0.0, 0.0, 1.0], [0.35, 0.7], 1e-6);
+    // (0.3, 0.4, 0) doubled, then +z turns to +x and +x to -z.
+    expect(&scene, 6, [7.0, 0.8, -0.6], [1.0, 0.0, 0.0], [0.65, 0.7], 1e-6);
+    let ShapeSurface::Sphere(sphere) = &scene.shapes[7].surface else { panic!("still exact") };
+    assert!((sphere.center.as_dvec3() + scene.origin - DVec3::new(7.0, 0.0, -6.0)).length() < 1e-6 && sphere.radius == 2.0);
+}
+
+#[test]
+fn far_instances_keep_their_digits() {
+    let scene = scene(&instances("", &["<translate x='1000000'/>", "<translate x='1000001'/>"]));
+    let left = |index: usize| corners(&scene, &scene.shapes[index])[0][0].0.x;
+    assert_eq!(left(1) - left(0), 1.0);
+}
+
+#[test]
+fn a_group_without_an_instance_is_not_seen() {
+    let scene = scene(&instances("", &[]));
+    assert!(scene.shapes.is_empty());
+}
+
+#[test]
+fn triangles_of_instances_are_counted_before_they_are_made() {
+    let mut fixture = Fixture::new(&instances("<shape type='cube'/>", &[""; 100]));
+    fixture.options.limits.triangles = 1400;
+    assert_eq!(fixture.scene().n_triangles(), 1400, "2 and 12 in each instance");
+    fixture.options.limits.triangles = 1399;
+    let error = fixture.load().expect_err("one too many");
+    assert!(matches!(error.kind, LoadErrorKind::OverLimit { limit: 1399, found: 1400, .. }) && error.at.is_some(), "{error}");
+}
+
+#[test]
+fn groups_hold_neither_groups_nor_emitters() {
+    let nested = "<shape type='shapegroup' id='h'><shape type='instance'><ref id='g'/></shape></shape>";
+    for (body, part) in [
+        (instances("<shape type='cube'><emitter type='area'/></shape>", &[]), "an emitter inside a shapegroup"),
+        (instances("<shape type='shapegroup'/>", &[]), "inside a shapegroup"),
+        (instances("", &[]) + nested, "inside a shapegroup"),
+        (instances("<shape type='instance'><ref id='g'/></shape>", &[""]), "inside a shapegroup"),
+        ("<shape type='instance'/>".to_owned(), "needs a reference to a shapegroup"),
+        ("<shape type='instance'><shape type='cube'/></shape>".to_owned(), "expected a shapegroup"),
+        (instances("", &[]) + "<shape type='instance'><ref id='g'/><bsdf type='diffuse'/></shape>", "not supported"),
+    ] {
+        let error = Fixture::new(&body).load().expect_err("must be refused").to_string();
+        assert!(error.contains(part), "{body}: {error}");
+    }
 }
