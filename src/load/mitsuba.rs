@@ -28,6 +28,8 @@ pub(super) struct Loader<'a> {
     pub point_lights: Vec<(DVec3, Rgb)>,
     pub environment: Option<Rgb>,
     pub groups: Groups,
+    /// Left, top, width and height of the film's crop, if it has one.
+    pub crop: Option<[usize; 4]>,
     pub made_ids: u32,
 }
 
@@ -35,6 +37,7 @@ pub(super) struct Loader<'a> {
 pub(super) struct Parts {
     pub source: SceneSource,
     pub places: Vec<Place>,
+    pub crop: Option<[usize; 4]>,
 }
 
 /// Reads the objects of a scene.
@@ -52,6 +55,7 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         point_lights: Vec::new(),
         environment: None,
         groups: Groups::default(),
+        crop: None,
         made_ids: 0,
     };
     let sensors = root.children(ids, Class::SENSOR);
@@ -77,6 +81,7 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         loader.emitter(emitter)?;
     }
     root.finish()?;
+    let crop = loader.crop;
     let (shapes, places) = instances::read_all(pending, loader.groups, files)?;
     let source = SceneSource {
         name,
@@ -88,7 +93,7 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         environment: loader.environment.unwrap_or(Rgb::BLACK),
         warnings: loader.warnings,
     };
-    Ok(Parts { source, places })
+    Ok(Parts { source, places, crop })
 }
 
 impl Loader<'_> {

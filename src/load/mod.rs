@@ -25,6 +25,7 @@ mod picture;
 mod ply;
 mod scan;
 mod sensor;
+mod serialized;
 mod shapes;
 mod textures;
 mod transform;
@@ -102,6 +103,8 @@ pub struct LoadedScene {
     pub scene: Scene,
     /// Hash of all files and parameters: equal for equal scenes, on any machine.
     pub hash: u64,
+    /// Part of the film that the file asks for: left, top, width and height [pixels].
+    pub crop: Option<[usize; 4]>,
     /// Every file that was read.
     pub files: Vec<PathBuf>,
 }
@@ -117,11 +120,11 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, Loa
     let main = files::canonical(path).map_err(in_file)?;
     let tree = Tree::read(&files, &main, &options.defines)?;
     let ids = tree.index()?;
-    let mitsuba::Parts { source, places } = mitsuba::scene(&tree.root, &ids, &files, scene_name(path, &files.root))?;
+    let mitsuba::Parts { source, places, crop } = mitsuba::scene(&tree.root, &ids, &files, scene_name(path, &files.root))?;
     let shape_ids: Vec<String> = source.shapes.iter().map(|s| s.id.clone()).collect();
     let scene = Scene::new(source).map_err(|fault| at_shape(fault, &shape_ids, &places, &main))?;
     let (hash, files) = files.summary(&options.defines);
-    Ok(LoadedScene { scene, hash, files })
+    Ok(LoadedScene { scene, hash, crop, files })
 }
 
 /// The folder's name for a `scene.xml`, else the file's without its extension.

@@ -6,7 +6,7 @@ use super::files::Files;
 use super::mesh::{MeshFault, Placement};
 use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object, Value};
-use super::{obj, ply};
+use super::{obj, ply, serialized};
 use crate::geometry::tessellate::{self, Triangles};
 use crate::material::{Material, MaterialId, Surface, Texture};
 use crate::math::{DAffine3, DVec3, Rgb};
@@ -27,7 +27,8 @@ pub(super) const SPHERE_BANDS: u32 = 48;
 const SAME_SCALE: f64 = 1e-4;
 
 /// All that can be read.
-const KNOWN: [&str; 9] = ["obj", "ply", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"];
+const KNOWN: [&str; 10] =
+    ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"];
 
 /// A shape whose mesh file may still have to be read.
 pub(super) struct PendingShape {
@@ -59,6 +60,8 @@ struct MeshFile {
 enum MeshFormat {
     Obj,
     Ply,
+    /// The mesh of this index, from 0.
+    Serialized(usize),
 }
 
 impl<'a> Loader<'a> {
@@ -74,6 +77,7 @@ impl<'a> Loader<'a> {
         let geometry = match shape.plugin.as_str() {
             "obj" => self.mesh_file(shape, MeshFormat::Obj)?,
             "ply" => self.mesh_file(shape, MeshFormat::Ply)?,
+            "serialized" => self.serialized(shape)?,
             "rectangle" => analytic(shape, tessellate::rectangle)?,
             "cube" => analytic(shape, tessellate::cube)?,
             "disk" => analytic(shape, |m| tessellate::disk(m, DISK_SIDES))?,
@@ -116,9 +120,20 @@ impl<'a> Loader<'a> {
             face_normals: shape.boolean("face_normals", false)?,
             flip_normals: shape.boolean("flip_normals", false)?,
         };
-        // As in Mitsuba: OBJ is flipped unless told otherwise, PLY is not.
-        let flip_v = shape.boolean("flip_tex_coords", format == MeshFormat::Obj)?;
+        // As in Mitsuba: OBJ is flipped unless told otherwise, PLY is not, and the third is not asked.
+        let flip_v = match format {
+            MeshFormat::Serialized(_) => false,
+            _ => shape.boolean("flip_tex_coords", format == MeshFormat::Obj)?,
+        };
         Ok(Geometry::File(MeshFile { path, place: name.place, format, placement, flip_v }))
+    }
+
+    fn serialized(&mut self, shape: &Object) -> Result<Geometry, LoadError> {
+        let index = match shape.integer("shape_index")? {
+            None => 0,
+            Some(index) => usize::try_from(index.value).map_err(|_| index.must_be("shape_index", "0 or more"))?,
+        };
+        self.mesh_file(shape, MeshFormat::Serialized(index))
     }
 
     /// A sphere that is exact where it can be: round, seen alike from both sides or from outside, and not turned under a texture.
@@ -222,6 +237,7 @@ impl MeshFile {
                 }
                 mesh
             }),
+            MeshFormat::Serialized(index) => serialized::parse(&bytes, index, &files.limits),
         };
         let in_file = |fault: MeshFault| LoadError {
             file: self.path.as_path().into(),

@@ -9,6 +9,7 @@ mod invariance;
 mod light;
 mod loading;
 mod loading_materials;
+mod loading_meshes;
 mod loading_shapes;
 mod patches;
 mod specular;
