@@ -1,4 +1,5 @@
-//! Scene files in: Mitsuba 3 XML with OBJ and PLY meshes and PNG, JPEG and OpenEXR images.
+//! Scene files in: Mitsuba 3 XML with OBJ, PLY and serialized meshes and PNG, JPEG and OpenEXR images; or a glTF 2.0
+//! or an OBJ by itself.
 //!
 //! ```no_run
 //! let loaded = twopass::load::load_scene("scenes/cornell-box/scene.xml".as_ref(), &Default::default())?;
@@ -14,10 +15,13 @@ mod bsdf;
 mod emitters;
 mod error;
 mod files;
+mod framing;
+mod gltf;
 mod instances;
 mod ior;
 mod mesh;
 mod mitsuba;
+mod mtl;
 mod obj;
 mod object;
 mod parameters;
@@ -30,6 +34,7 @@ mod shapes;
 mod textures;
 mod transform;
 mod upgrade;
+mod wavefront;
 mod xml;
 
 pub use error::{Fault, LoadError, LoadErrorKind, Position};
@@ -118,9 +123,23 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, Loa
     let files = Files::beside(path, options).map_err(in_file)?;
     // The file itself was named by the user: it may be a link to anywhere.
     let main = files::canonical(path).map_err(in_file)?;
-    let tree = Tree::read(&files, &main, &options.defines)?;
-    let ids = tree.index()?;
-    let mitsuba::Parts { source, places, crop } = mitsuba::scene(&tree.root, &ids, &files, scene_name(path, &files.root))?;
+    let name = scene_name(path, &files.root);
+    let extension = path.extension().map(|e| e.to_ascii_lowercase());
+    let mitsuba::Parts { source, places, crop } = match extension.as_ref().and_then(|e| e.to_str()) {
+        Some("obj") => {
+            without_parameters(options).map_err(in_file)?;
+            wavefront::scene(&files, &main, name)?
+        }
+        Some("gltf" | "glb") => {
+            without_parameters(options).map_err(in_file)?;
+            gltf::scene(&files, &main, name)?
+        }
+        _ => {
+            let tree = Tree::read(&files, &main, &options.defines)?;
+            let ids = tree.index()?;
+            mitsuba::scene(&tree.root, &ids, &files, name)?
+        }
+    };
     let shape_ids: Vec<String> = source.shapes.iter().map(|s| s.id.clone()).collect();
     let scene = Scene::new(source).map_err(|fault| at_shape(fault, &shape_ids, &places, &main))?;
     let (hash, files) = files.summary(&options.defines);
@@ -134,11 +153,16 @@ fn scene_name(path: &Path, folder: &Path) -> String {
     name.map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned())
 }
 
+/// An error if parameters are given: only scenes in XML have them.
+fn without_parameters(options: &LoadOptions) -> Result<(), LoadErrorKind> {
+    parameters::Parameters::new(&options.defines, options.limits.xml_bytes).all_used()
+}
+
 /// A fault of geometry, at the shape that has it.
 fn at_shape(fault: SceneError, ids: &[String], places: &[Place], main: &Path) -> LoadError {
     let (SceneError::NotFinite { shape, .. } | SceneError::Radius { shape, .. } | SceneError::Index { shape, .. }) = &fault;
     match ids.iter().position(|id| id == shape) {
-        Some(i) => places[i].error(fault.into()),
-        None => LoadErrorKind::from(fault).in_file(main),
+        Some(i) if i < places.len() => places[i].error(fault.into()),
+        _ => LoadErrorKind::from(fault).in_file(main),
     }
 }
