@@ -1,7 +1,6 @@
 //! What a model lacks to be a scene: a view of it, a film, and light.
 
 use super::mitsuba::Parts;
-use crate::geometry::tessellate::Triangles;
 use crate::material::Surface;
 use crate::math::{DAffine3, DVec2, DVec3, Rgb};
 use crate::scene::camera::FovAxis;
@@ -55,11 +54,11 @@ impl Model {
 
 /// A camera that sees the whole of `shapes`: the sphere around their box touches the edges of the view.
 fn camera(shapes: &[ShapeSource]) -> Camera {
-    let corners = shapes.iter().flat_map(|s| match &s.surface {
-        SurfaceSource::Triangles(Triangles { positions, .. }) => positions.clone(),
-        SurfaceSource::Sphere { center, radius } => vec![*center - *radius, *center + *radius],
+    let join = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
+    let (low, high) = shapes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |range, s| match &s.surface {
+        SurfaceSource::Triangles(t) => t.positions.iter().fold(range, join),
+        SurfaceSource::Sphere { center, radius } => [*center - *radius, *center + *radius].iter().fold(range, join),
     });
-    let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     let (middle, radius) =
         if low.cmple(high).all() { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (DVec3::ZERO, 0.0) };
     // A model that is a single point is seen from one unit away.

@@ -193,7 +193,7 @@ fn false_extents_and_trees_are_refused() {
         ("\"byteOffset\":80,\"byteLength\":12", "\"byteOffset\":81,\"byteLength\":12", "view inside"),
         ("\"byteOffset\":80,\"byteLength\":12", "\"byteOffset\":79,\"byteLength\":12", "vertices below 4"),
         ("\"byteLength\":92", "\"byteLength\":93", "93 bytes"),
-        ("\"componentType\":5123", "\"componentType\":5126", "items inside"),
+        ("\"componentType\":5123", "\"componentType\":5126", "unsigned type"),
         ("{\"mesh\":0}", "{\"mesh\":0,\"children\":[0]}", ""),
         ("{\"mesh\":0}", "{\"mesh\":7}", ""),
         (";base64,", ";base99,", "base64"),
