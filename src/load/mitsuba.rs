@@ -81,6 +81,8 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         loader.emitter(emitter)?;
     }
     root.finish()?;
+    // Textures that no material kept must not be in memory beside the meshes.
+    drop(std::mem::take(&mut loader.pictures));
     let crop = loader.crop;
     let (shapes, places) = instances::read_all(pending, loader.groups, files)?;
     let source = SceneSource {
