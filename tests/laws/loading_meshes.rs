@@ -1,6 +1,7 @@
 //! Options of mesh files and of cameras against what Mitsuba 3.9.1 reports for the same files.
 
 use crate::loading::{Fixture, SENSOR, corners, scene};
+use std::f64::consts::FRAC_1_SQRT_2;
 use twopass::math::{DVec3, Vec2};
 use twopass::scene::Scene;
 
@@ -35,7 +36,7 @@ fn missing_normals_are_weighted_by_angle_after_the_transform() {
     for kind in ["obj", "ply"] {
         // Vertices 0, 2 and 4 as Mitsuba has them.
         for (extra, scale, want) in [
-            ("", DVec3::ONE, [[0.0, 0.0, 1.0], [0.0, -0.33584, 0.94192], [0.0, -0.70711, 0.70711]]),
+            ("", DVec3::ONE, [[0.0, 0.0, 1.0], [0.0, -0.33584, 0.94192], [0.0, -FRAC_1_SQRT_2, FRAC_1_SQRT_2]]),
             (stretch, DVec3::new(1.0, 3.0, 0.5), [[0.0, 0.0, 1.0], [0.0, -0.07797, 0.99696], [0.0, -0.1644, 0.98639]]),
         ] {
             let scene = mesh(kind, extra);
@@ -175,5 +176,8 @@ fn a_crop_is_handed_on_and_must_lie_inside_the_film() {
         let error = load(x, y, w, h).expect_err("must be refused").to_string();
         assert!(error.contains("inside the film"), "{error}");
     }
+    let offset = "<integer name='crop_offset_x' value='2'/>";
+    let error = camera("perspective", "", offset).load().expect_err("the film's width, from 2 on").to_string();
+    assert!(error.contains("inside the film"), "{error}");
     assert_eq!(scene("").film.width, 8, "a crop does not change the film's size");
 }

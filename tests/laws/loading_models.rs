@@ -78,7 +78,7 @@ fn materials_follow_their_statements() {
 #[test]
 fn pictures_stand_upright() {
     let mtl = "newmtl plain\nKd 1 1 1\nillum 1\nmap_Kd t.png\nnewmtl tinted\nKd .5 1 1\nillum 1\nmap_Kd t.png\n\
-               newmtl moved\nillum 1\nKd 0 0 0\nmap_Kd -o 0 .5 t.png\n";
+               newmtl moved\nillum 1\nKd 0 0 0\nmap_Kd -o 0 .25 t.png\n";
     let scene = scene(&squares(&["plain", "tinted", "moved"]), mtl);
     let at = |id: &str, height: f32| {
         let (shape, material) = shape(&scene, id);
@@ -89,8 +89,8 @@ fn pictures_stand_upright() {
     };
     assert_eq!((at("plain", 0.75), at("plain", 0.25)), (Rgb::WHITE, Rgb::BLACK));
     assert_eq!(at("tinted", 0.75), Rgb::new(0.5, 1.0, 1.0));
-    // v + 1/2, in the file's sense: what stood at 3/4 comes down to 1/4.
-    assert_eq!((at("moved", 0.75), at("moved", 0.25)), (Rgb::BLACK, Rgb::WHITE));
+    // v + 1/4, in the file's sense: what stood at 3/4 comes down to 1/2.
+    assert_eq!((at("moved", 0.5), at("moved", 0.0)), (Rgb::WHITE, Rgb::BLACK));
 }
 
 #[test]

@@ -73,7 +73,7 @@ pub(super) fn surface(
     if let Some(info) = material.emissive_texture()
         && !emission.is_black()
     {
-        emission = emission * texture(&info, pictures, Rgb::WHITE)?.mean();
+        emission *= texture(&info, pictures, Rgb::WHITE)?.mean();
         note("its textured emission is rendered as the texture's mean");
     }
     let transmission = material.transmission().map_or(0.0, |t| t.transmission_factor());
