@@ -51,8 +51,8 @@ fn camera_matrices(camera: &Camera, origin: DVec3, width: usize, height: usize) 
         1.0 / half_height,
         0.0,
         0.0,
-        0.0,
-        0.0,
+        -2.0 * camera.principal_point.x,
+        2.0 * camera.principal_point.y,
         depth,
         1.0,
         0.0,
@@ -71,7 +71,7 @@ fn row_vectors(matrix: DMat4) -> [f32; 16] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use twopass::math::{DAffine3, Vec2};
+    use twopass::math::{DAffine3, DVec2, Vec2};
     use twopass::scene::camera::FovAxis;
 
     /// A point on the ray through a pixel is found by the matrices at that pixel.
@@ -81,7 +81,8 @@ mod tests {
         // A camera at (1, 2, 3) that looks along +x with z up: its +x axis, the picture's left, is then +y.
         let axes = [DVec3::Y, DVec3::Z, DVec3::X, DVec3::new(1.0, 2.0, 3.0)];
         let to_scene = DAffine3::from_cols(axes[0], axes[1], axes[2], axes[3]);
-        let camera = Camera { to_scene, fov: 0.8, fov_axis: FovAxis::X, near_clip: 0.1, far_clip: 50.0 };
+        let principal_point = DVec2::new(0.25, -0.125);
+        let camera = Camera { to_scene, fov: 0.8, fov_axis: FovAxis::X, principal_point, near_clip: 0.1, far_clip: 50.0 };
         let (to_camera, to_ndc) = camera_matrices(&camera, origin, width, height);
         for pixel in [Vec2::new(0.0, 0.0), Vec2::new(32.0, 24.0), Vec2::new(60.0, 7.0)] {
             let ray = camera.ray(pixel, width, height);

@@ -43,23 +43,27 @@ pub fn rectangle(to_world: &DAffine3) -> Triangles {
     keep_normal(shape, to_world)
 }
 
-/// The cube [-1, 1]³ with outward normals; each face has uv in the unit square.
+/// The cube [-1, 1]³ with outward normals; each face has uv in the unit square, turned as in Mitsuba.
 pub fn cube(to_world: &DAffine3) -> Triangles {
+    // Of each face: outward normal, then the directions in which u and v grow.
+    const FACES: [[DVec3; 3]; 6] = [
+        [DVec3::X, DVec3::Y, DVec3::NEG_Z],
+        [DVec3::NEG_X, DVec3::Y, DVec3::Z],
+        [DVec3::Y, DVec3::NEG_X, DVec3::NEG_Z],
+        [DVec3::NEG_Y, DVec3::Z, DVec3::X],
+        [DVec3::Z, DVec3::Y, DVec3::X],
+        [DVec3::NEG_Z, DVec3::NEG_Y, DVec3::X],
+    ];
     let mut shape = Triangles::default();
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
-            let base = shape.positions.len() as u32;
-            for (u, v) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-                let mut p = DVec3::ZERO;
-                p[axis] = sign;
-                // On the negative side the two tangents change places, so that the winding stays outward.
-                (p[a], p[b]) = if sign > 0.0 { (u, v) } else { (v, u) };
-                shape.positions.push(to_world.transform_point3(p));
-                shape.uvs.push(Vec2::new((u as f32 + 1.0) / 2.0, (v as f32 + 1.0) / 2.0));
-            }
-            shape.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+    for [normal, along_u, along_v] in FACES {
+        let base = shape.positions.len() as u32;
+        for (u, v) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            shape.positions.push(to_world.transform_point3(normal + u * along_u + v * along_v));
+            shape.uvs.push(Vec2::new((u as f32 + 1.0) / 2.0, (v as f32 + 1.0) / 2.0));
         }
+        let outward = along_u.cross(along_v).dot(normal) > 0.0;
+        let faces = if outward { [[0, 1, 2], [0, 2, 3]] } else { [[0, 2, 1], [0, 3, 2]] };
+        shape.triangles.extend(faces.map(|t| t.map(|i: u32| base + i)));
     }
     keep_normal(shape, to_world)
 }
@@ -85,6 +89,33 @@ pub fn disk(to_world: &DAffine3, sides: u32) -> Triangles {
             Vec2::new(1.0, phi(i as f32 + 1.0)),
         ]);
         shape.triangles.push([base, base + 1, base + 2]);
+    }
+    keep_normal(shape, to_world)
+}
+
+/// The mantle of a cylinder from `p0` to `p1` without caps, as a prism of `sides` rectangles with smooth outward normals.
+///
+/// Its radius is enlarged so that the prism has the area of the mantle before `to_world` is applied. uv = (phi/2pi, share of the
+/// way from `p0` to `p1`); phi is measured in the frame that Mitsuba gives the axis (Duff et al. 2017, "Building an Orthonormal
+/// Basis, Revisited"). No triangles if the ends coincide.
+pub fn cylinder(to_world: &DAffine3, p0: DVec3, p1: DVec3, radius: f64, sides: u32) -> Triangles {
+    let Some(axis) = (p1 - p0).try_normalize() else { return Triangles::default() };
+    let (x, y) = axis.any_orthonormal_pair();
+    let half_step = std::f64::consts::PI / f64::from(sides);
+    let radius = radius * half_step / half_step.sin();
+    let normal_to_world = to_world.matrix3.inverse().transpose();
+    let mut shape = Triangles::default();
+    for column in 0..=sides {
+        let (s, c) = (2.0 * half_step * f64::from(column % sides)).sin_cos();
+        let outward = x * c + y * s;
+        for (v, end) in [(0.0, p0), (1.0, p1)] {
+            shape.positions.push(to_world.transform_point3(end + radius * outward));
+            shape.normals.push((normal_to_world * outward).normalize_or_zero().as_vec3());
+            shape.uvs.push(Vec2::new(column as f32 / sides as f32, v));
+        }
+    }
+    for a in (0..sides).map(|column| 2 * column) {
+        shape.triangles.extend([[a, a + 2, a + 3], [a, a + 3, a + 1]]);
     }
     keep_normal(shape, to_world)
 }
@@ -156,6 +187,12 @@ mod tests {
             assert!((total - 4.0 * std::f64::consts::PI).abs() < 1e-12, "sphere area {total}");
             let outward = s.triangles.iter().zip(&areas).all(|(t, a)| s.normals[t[0] as usize].as_dvec3().dot(*a) > 0.0);
             assert!(outward, "a sphere face points inward (mirror {mirror})");
+            let c = cylinder(&m, DVec3::new(0.0, 0.0, -1.0), DVec3::new(1.0, 2.0, 1.0), 0.5, 16);
+            let areas = area_vectors(&c);
+            let total: f64 = areas.iter().map(|a| a.length()).sum();
+            assert!((total - std::f64::consts::TAU * 0.5 * 3.0).abs() < 1e-12, "cylinder area {total}");
+            let outward = c.triangles.iter().zip(&areas).all(|(t, a)| c.normals[t[0] as usize].as_dvec3().dot(*a) > 0.0);
+            assert!(outward, "a cylinder face points inward (mirror {mirror})");
         }
     }
 }

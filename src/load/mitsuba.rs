@@ -2,13 +2,12 @@
 
 use super::error::{LoadError, LoadErrorKind, Place, near};
 use super::files::Files;
+use super::instances::{self, Groups, Pending};
 use super::object::{Class, Ids, Object};
-use super::shapes::PendingShape;
 use super::textures::{self, Pictures};
 use crate::light::Environment;
 use crate::material::{MaterialId, Surface};
 use crate::scene::{LightSource, SceneSource};
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// What is known of a scene while it is read.
@@ -28,6 +27,9 @@ pub(super) struct Loader<'a> {
     pub pictures: Pictures,
     pub lights: Vec<LightSource>,
     pub environment: Option<Environment>,
+    pub groups: Groups,
+    /// Left, top, width and height of the film's crop, if it has one.
+    pub crop: Option<[usize; 4]>,
     pub made_ids: u32,
 }
 
@@ -35,6 +37,7 @@ pub(super) struct Loader<'a> {
 pub(super) struct Parts {
     pub source: SceneSource,
     pub places: Vec<Place>,
+    pub crop: Option<[usize; 4]>,
 }
 
 /// Reads the objects of a scene.
@@ -51,6 +54,8 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
         pictures: textures::decode_all(root, files),
         lights: Vec::new(),
         environment: None,
+        groups: Groups::default(),
+        crop: None,
         made_ids: 0,
     };
     let sensors = root.children(ids, Class::SENSOR);
@@ -68,26 +73,29 @@ pub(super) fn scene(root: &Object, ids: &Ids<'_>, files: &Files, name: String) -
     for (_, texture) in root.children(ids, Class::TEXTURE) {
         loader.texture_object(texture)?;
     }
-    let shapes: Vec<PendingShape> =
-        root.children(ids, Class::SHAPE).into_iter().map(|(_, s)| loader.shape(s)).collect::<Result<_, _>>()?;
+    let mut pending: Vec<Pending> = Vec::new();
+    for (_, shape) in root.children(ids, Class::SHAPE) {
+        pending.extend(loader.pending(shape)?);
+    }
     for (_, emitter) in root.children(ids, Class::EMITTER) {
         loader.emitter(emitter)?;
     }
     root.finish()?;
-    let places = shapes.iter().map(|s| s.place.clone()).collect();
-    // Files are read side by side; of several faults the first in file order is told.
-    let shapes: Vec<_> = shapes.into_par_iter().map(|s| s.read(files)).collect();
+    // Textures that no material kept must not be in memory beside the meshes.
+    drop(std::mem::take(&mut loader.pictures));
+    let crop = loader.crop;
+    let (shapes, places) = instances::read_all(pending, loader.groups, files)?;
     let source = SceneSource {
         name,
         camera,
         film,
-        shapes: shapes.into_iter().collect::<Result<_, _>>()?,
+        shapes,
         materials: loader.surfaces,
         lights: loader.lights,
         environment: loader.environment,
         warnings: loader.warnings,
     };
-    Ok(Parts { source, places })
+    Ok(Parts { source, places, crop })
 }
 
 impl Loader<'_> {

@@ -1,4 +1,5 @@
-//! Scene files in: Mitsuba 3 XML with OBJ and PLY meshes and PNG, JPEG and OpenEXR images.
+//! Scene files in: Mitsuba 3 XML with OBJ, PLY and serialized meshes and PNG, JPEG and OpenEXR images; or a glTF 2.0
+//! or an OBJ by itself.
 //!
 //! ```no_run
 //! let loaded = twopass::load::load_scene("scenes/cornell-box/scene.xml".as_ref(), &Default::default())?;
@@ -14,9 +15,13 @@ mod bsdf;
 mod emitters;
 mod error;
 mod files;
+mod framing;
+mod gltf;
+mod instances;
 mod ior;
 mod mesh;
 mod mitsuba;
+mod mtl;
 mod obj;
 mod object;
 mod parameters;
@@ -24,11 +29,13 @@ mod picture;
 mod ply;
 mod scan;
 mod sensor;
+mod serialized;
 mod shapes;
 mod spectrum;
 mod textures;
 mod transform;
 mod upgrade;
+mod wavefront;
 mod xml;
 
 pub use error::{Fault, LoadError, LoadErrorKind, Position};
@@ -67,6 +74,8 @@ pub struct Limits {
     pub xml_nodes: u32,
     /// Bytes of one mesh file.
     pub mesh_bytes: u64,
+    /// Triangles in all, instances counted one by one.
+    pub triangles: u64,
     /// Bytes of one image file.
     pub image_bytes: u64,
     /// Pixels of one image, which take 12 bytes each.
@@ -85,6 +94,7 @@ impl Default for Limits {
             xml_bytes: 64 << 20,
             xml_nodes: 2_000_000,
             mesh_bytes: 8 << 30,
+            triangles: 200_000_000,
             image_bytes: 1 << 30,
             image_pixels: 1 << 27,
             film_pixels: 16_384 * 16_384,
@@ -99,6 +109,8 @@ pub struct LoadedScene {
     pub scene: Scene,
     /// Hash of all files and parameters: equal for equal scenes, on any machine.
     pub hash: u64,
+    /// Part of the film that the file asks for: left, top, width and height [pixels].
+    pub crop: Option<[usize; 4]>,
     /// Every file that was read.
     pub files: Vec<PathBuf>,
 }
@@ -112,13 +124,27 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, Loa
     let files = Files::beside(path, options).map_err(in_file)?;
     // The file itself was named by the user: it may be a link to anywhere.
     let main = files::canonical(path).map_err(in_file)?;
-    let tree = Tree::read(&files, &main, &options.defines)?;
-    let ids = tree.index()?;
-    let mitsuba::Parts { source, places } = mitsuba::scene(&tree.root, &ids, &files, scene_name(path, &files.root))?;
+    let name = scene_name(path, &files.root);
+    let extension = path.extension().map(|e| e.to_ascii_lowercase());
+    let mitsuba::Parts { source, places, crop } = match extension.as_ref().and_then(|e| e.to_str()) {
+        Some("obj") => {
+            without_parameters(options).map_err(in_file)?;
+            wavefront::scene(&files, &main, name)?
+        }
+        Some("gltf" | "glb") => {
+            without_parameters(options).map_err(in_file)?;
+            gltf::scene(&files, &main, name)?
+        }
+        _ => {
+            let tree = Tree::read(&files, &main, &options.defines)?;
+            let ids = tree.index()?;
+            mitsuba::scene(&tree.root, &ids, &files, name)?
+        }
+    };
     let shape_ids: Vec<String> = source.shapes.iter().map(|s| s.id.clone()).collect();
     let scene = Scene::new(source).map_err(|fault| at_shape(fault, &shape_ids, &places, &main))?;
     let (hash, files) = files.summary(&options.defines);
-    Ok(LoadedScene { scene, hash, files })
+    Ok(LoadedScene { scene, hash, crop, files })
 }
 
 /// The folder's name for a `scene.xml`, else the file's without its extension.
@@ -128,11 +154,16 @@ fn scene_name(path: &Path, folder: &Path) -> String {
     name.map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned())
 }
 
+/// An error if parameters are given: only scenes in XML have them.
+fn without_parameters(options: &LoadOptions) -> Result<(), LoadErrorKind> {
+    parameters::Parameters::new(&options.defines, options.limits.xml_bytes).all_used()
+}
+
 /// A fault of geometry, at the shape that has it.
 fn at_shape(fault: SceneError, ids: &[String], places: &[Place], main: &Path) -> LoadError {
     let (SceneError::NotFinite { shape, .. } | SceneError::Radius { shape, .. } | SceneError::Index { shape, .. }) = &fault;
     match ids.iter().position(|id| id == shape) {
-        Some(i) => places[i].error(fault.into()),
-        None => LoadErrorKind::from(fault).in_file(main),
+        Some(i) if i < places.len() => places[i].error(fault.into()),
+        _ => LoadErrorKind::from(fault).in_file(main),
     }
 }

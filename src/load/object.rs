@@ -104,7 +104,7 @@ impl Property {
 }
 
 impl Value {
-    fn describe(&self) -> String {
+    pub fn describe(&self) -> String {
         match self {
             Value::Integer(v) => v.to_string(),
             Value::Float(v) => v.to_string(),

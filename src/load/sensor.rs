@@ -3,7 +3,7 @@
 use super::error::{LoadError, LoadErrorKind};
 use super::mitsuba::{Loader, unknown_plugin};
 use super::object::{Class, Object};
-use crate::math::DAffine3;
+use crate::math::{DAffine3, DVec2};
 use crate::scene::camera::FovAxis;
 use crate::scene::{Camera, FilmSettings};
 
@@ -13,12 +13,23 @@ const MAX_SIDE: i64 = 65_535;
 /// Relative difference below which the scales of a camera's axes count as equal: exporters print six digits.
 const SAME_SCALE: f64 = 1e-4;
 
+/// Largest offset of the principal point, in films: beyond it nothing is seen.
+const MAX_OFFSET: f64 = 1e3;
+
 impl<'a> Loader<'a> {
     /// Camera, and film settings with unlimited depth.
     pub fn sensor(&mut self, sensor: &'a Object) -> Result<(Camera, FilmSettings), LoadError> {
-        if sensor.plugin != "perspective" {
-            return Err(unknown_plugin(sensor, &["perspective"]));
-        }
+        let principal_point = match sensor.plugin.as_str() {
+            "perspective" => {
+                let offset = |name| sensor.float_in(name, 0.0, |v| v.abs() <= MAX_OFFSET, "from -1000 to 1000");
+                DVec2::new(offset("principal_point_offset_x")?, offset("principal_point_offset_y")?)
+            }
+            "thinlens" => {
+                self.lens(sensor)?;
+                DVec2::ZERO
+            }
+            _ => return Err(unknown_plugin(sensor, &["perspective", "thinlens"])),
+        };
         // Neither changes a still picture of a pinhole camera.
         sensor.ignore(&["shutter_open", "shutter_close", "focus_distance"]);
         let (fov, fov_axis) = field_of_view(sensor)?;
@@ -34,8 +45,21 @@ impl<'a> Loader<'a> {
             None => 4,
         };
         sensor.finish()?;
-        let camera = Camera { to_scene, fov, fov_axis, near_clip, far_clip };
+        let camera = Camera { to_scene, fov, fov_axis, principal_point, near_clip, far_clip };
         Ok((camera, FilmSettings { width, height, sample_count, max_depth: None }))
+    }
+
+    /// The lens of a camera, which is rendered as a pinhole.
+    fn lens(&mut self, sensor: &Object) -> Result<(), LoadError> {
+        let radius = sensor.float("aperture_radius")?.ok_or_else(|| sensor.lacks("the number \"aperture_radius\""))?;
+        if radius.value < 0.0 {
+            return Err(radius.must_be("aperture_radius", "0 or more"));
+        }
+        sensor.float_in("focus_distance", 1.0, |v| v > 0.0, "above 0")?;
+        if radius.value > 0.0 {
+            self.warnings.push("sensor \"thinlens\" is rendered as a pinhole: depth of field is not rendered".to_owned());
+        }
+        Ok(())
     }
 
     /// The camera's frame without scale. A mirroring frame is kept: the picture is mirrored, as in Mitsuba.
@@ -71,14 +95,7 @@ impl<'a> Loader<'a> {
             let what = format!("pixels of the film ({width} x {height})");
             return Err(film.place.error(LoadErrorKind::OverLimit { what, limit, found }));
         }
-        let whole = [("crop_offset_x", 0), ("crop_offset_y", 0), ("crop_width", width), ("crop_height", height)];
-        for (name, value) in whole {
-            if let Some(given) = film.integer(name)?
-                && given.value != value as i64
-            {
-                return Err(given.must_be(name, "the whole film; a crop is set on the command line"));
-            }
-        }
+        self.crop = crop(film, width, height)?;
         let filter = film.child(self.ids, Class::RFILTER)?;
         self.filter(filter)?;
         film.finish()?;
@@ -164,6 +181,27 @@ fn field_of_view(sensor: &Object) -> Result<(f64, FovAxis), LoadError> {
         }
     };
     Ok((2.0 * (36.0_f64.hypot(24.0) / (2.0 * length)).atan(), FovAxis::Diagonal))
+}
+
+/// Left, top, width and height of the part of the film that is wanted; `None` for all of it.
+fn crop(film: &Object, width: usize, height: usize) -> Result<Option<[usize; 4]>, LoadError> {
+    let within = |name: &'static str, default: usize, low: usize, high: usize| match film.integer(name)? {
+        None => Ok(default),
+        Some(given) => {
+            let value = usize::try_from(given.value).ok().filter(|v| (low..=high).contains(v));
+            value.ok_or_else(|| given.must_be(name, &format!("from {low} to {high}, inside the film")))
+        }
+    };
+    let x = within("crop_offset_x", 0, 0, width - 1)?;
+    let y = within("crop_offset_y", 0, 0, height - 1)?;
+    // Mitsuba's crop has the film's size unless told otherwise, and must fit.
+    let w = within("crop_width", width, 1, width - x)?;
+    let h = within("crop_height", height, 1, height - y)?;
+    if x + w > width || y + h > height {
+        let (expected, found) = ("a crop inside the film".to_owned(), format!("{w} x {h} pixels from ({x}, {y})"));
+        return Err(film.place.error(LoadErrorKind::Malformed { expected, found }));
+    }
+    Ok(([x, y, w, h] != [0, 0, width, height]).then_some([x, y, w, h]))
 }
 
 fn side(film: &Object, name: &'static str, default: usize) -> Result<usize, LoadError> {

@@ -44,6 +44,28 @@ pub struct Parameters {
     pub rates: [f64; 3],
 }
 
+impl Parameters {
+    /// A base of one colour, roughness and share of metal, as glTF describes it; the rest at its defaults.
+    pub fn of_base(base_color: Texture, roughness: Texture, metallic: Texture, eta: f64) -> Self {
+        let none = || Texture::BLACK;
+        Self {
+            base_color,
+            roughness,
+            metallic,
+            anisotropic: none(),
+            spec_trans: none(),
+            spec_tint: none(),
+            sheen: none(),
+            sheen_tint: none(),
+            flatness: none(),
+            clearcoat: none(),
+            clearcoat_gloss: none(),
+            eta,
+            rates: [1.0; 3],
+        }
+    }
+}
+
 /// A `principled` material.
 #[derive(Debug, Clone)]
 pub struct Principled {

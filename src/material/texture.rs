@@ -139,6 +139,26 @@ pub(super) fn luminance(c: Rgb) -> f64 {
 }
 
 impl Texture {
+    /// Black everywhere.
+    pub const BLACK: Texture = Texture::Constant(Rgb::BLACK);
+    /// White everywhere.
+    pub const WHITE: Texture = Texture::Constant(Rgb::WHITE);
+
+    /// The texture with `f` applied to every value.
+    pub fn map(&self, f: &dyn Fn(Rgb) -> Rgb) -> Texture {
+        match self {
+            Texture::Constant(value) => Texture::Constant(f(*value)),
+            Texture::Bitmap(bitmap) => {
+                let texels = bitmap.texels.iter().map(|t| f(Rgb::from(*t)).to_array().map(|v| v as f32)).collect();
+                Texture::Bitmap(Bitmap { texels, ..bitmap.clone() })
+            }
+            Texture::Checkerboard(board) => {
+                let colors = [board.colors[0].map(f), board.colors[1].map(f)];
+                Texture::Checkerboard(Box::new(Checkerboard { colors, to_uv: board.to_uv }))
+            }
+        }
+    }
+
     /// The same number in all channels, everywhere.
     pub const fn grey(value: f64) -> Self {
         Texture::Constant(Rgb::grey(value))

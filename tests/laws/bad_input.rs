@@ -269,7 +269,7 @@ fn cameras_and_films_are_checked() {
     check(&with("<film", "<float name='far_clip' value='0.001'/><film"), Fault::Invalid, "near_clip", "far");
     let skewed = "<transform name='to_world'><scale x='2'/></transform><film";
     check(&with("<film", skewed), Fault::Invalid, "a rotation", "stretched camera");
-    check(&with("<rfilter", "<integer name='crop_width' value='3'/><rfilter"), Fault::Invalid, "crop", "crop");
+    check(&with("<rfilter", "<integer name='crop_width' value='9'/><rfilter"), Fault::Invalid, "crop", "crop");
 }
 
 #[test]

@@ -68,7 +68,7 @@ pub fn reflectance(scene: &Scene, u: f32, v: f32) -> Rgb {
 }
 
 /// World positions, normals and uvs of a mesh shape, triangle by triangle.
-fn corners(scene: &Scene, shape: &Shape) -> Vec<[(DVec3, Option<Vec3>, Vec2); 3]> {
+pub fn corners(scene: &Scene, shape: &Shape) -> Vec<[(DVec3, Option<Vec3>, Vec2); 3]> {
     let ShapeSurface::Mesh(mesh) = &shape.surface else { panic!("{} is no mesh", shape.id) };
     let corner = |i: u32| {
         let i = i as usize;
@@ -83,7 +83,7 @@ fn face_normal(corners: &[(DVec3, Option<Vec3>, Vec2); 3]) -> DVec3 {
     (b - a).cross(c - a).normalize()
 }
 
-const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 .75\nf 1/1 2/2 3/3\n";
+pub const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 .75\nf 1/1 2/2 3/3\n";
 
 #[test]
 fn a_camera_matrix_is_row_major_and_looks_along_plus_z() {

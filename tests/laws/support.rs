@@ -3,7 +3,7 @@
 use twopass::geometry::tessellate;
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::material::{Material, MaterialId, Surface, Texture};
-use twopass::math::{DAffine3, DVec3, Rgb};
+use twopass::math::{DAffine3, DVec2, DVec3, Rgb};
 use twopass::pipeline::{RenderSettings, Rendered, render};
 use twopass::progress::silent;
 use twopass::run_report::process_cpu_seconds;
@@ -26,6 +26,7 @@ impl Room {
             to_scene: DAffine3 { matrix3: matrix, translation: eye },
             fov: 90.0_f64.to_radians(),
             fov_axis: FovAxis::X,
+            principal_point: DVec2::ZERO,
             near_clip: 1e-4,
             far_clip: 1e7,
         };

@@ -36,9 +36,13 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     let scene = args.scene.as_deref().ok_or_else(|| Failure::Usage("expected a scene".to_owned()))?;
     let targets = Targets::new(scene, args.output.as_deref());
     targets.probe(common)?;
-    let job = Job { common, args, settings: settings(common, args), targets, interrupt: &interrupt };
+    let mut job = Job { common, args, settings: settings(common, args), targets, interrupt: &interrupt };
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, scene, &args.source)?;
+    // The file's crop is in pixels of the file's own size.
+    if job.settings.size.is_none() {
+        job.settings.crop = job.settings.crop.or(loaded.crop);
+    }
     check_size(&loaded, &job.settings)?;
     let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
     describe(&mut run_report, &job);
@@ -108,7 +112,7 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set(run_report, "cpu_time", args.cpu_time);
     report::set(run_report, "error", args.error);
     report::set(run_report, "size", args.size.map(|s| vec![s.width, s.height]));
-    report::set(run_report, "crop", args.crop.map(|c| c.0.to_vec()));
+    report::set(run_report, "crop", settings.crop.map(|c| c.to_vec()));
     // null: the scene's; -1: unlimited.
     let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
     report::set(run_report, "max_depth", depth);
