@@ -7,6 +7,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use twopass::accel::AccelError;
+use twopass::film::guard::in_guarded_decoder;
 use twopass::film::io::{ReadError, ReadErrorKind, WriteError};
 use twopass::load::{Fault, LoadError, Position};
 use twopass::metrics::MetricsError;
@@ -128,9 +129,14 @@ impl Failure {
     }
 }
 
-/// A fault of this program says so, in one line and with its place.
+/// A fault of this program says so, in one line and with its place. One that damaged pictures cause in a decoder does not: it
+/// becomes an error.
 pub fn install_panic_message() {
-    std::panic::set_hook(Box::new(|info| eprintln!("twopass: internal fault, please report it: {info}")));
+    std::panic::set_hook(Box::new(|info| {
+        if !in_guarded_decoder() {
+            eprintln!("twopass: internal fault, please report it: {info}");
+        }
+    }));
 }
 
 /// A failure as miette draws it.

@@ -1,4 +1,4 @@
-//! Scene files in: Mitsuba 3 XML with OBJ and PLY meshes and PNG, JPEG and OpenEXR images.
+//! Scene files in: Mitsuba 3 XML with OBJ and PLY meshes and PNG, JPEG, Radiance and OpenEXR images.
 //!
 //! ```no_run
 //! let loaded = twopass::load::load_scene("scenes/cornell-box/scene.xml".as_ref(), &Default::default())?;
@@ -14,6 +14,8 @@ mod bsdf;
 mod emitters;
 mod error;
 mod files;
+#[doc(hidden)]
+pub mod fuzz;
 mod ior;
 mod mesh;
 mod mitsuba;
@@ -68,8 +70,12 @@ pub struct Limits {
     pub mesh_bytes: u64,
     /// Bytes of one image file.
     pub image_bytes: u64,
+    /// Width and height of one image.
+    pub image_side: u64,
     /// Pixels of one image, which take 12 bytes each.
     pub image_pixels: u64,
+    /// Pixels of all images together.
+    pub all_image_pixels: u64,
     /// Pixels of the film.
     pub film_pixels: u64,
 }
@@ -85,7 +91,9 @@ impl Default for Limits {
             xml_nodes: 2_000_000,
             mesh_bytes: 8 << 30,
             image_bytes: 1 << 30,
+            image_side: 65_535,
             image_pixels: 1 << 27,
+            all_image_pixels: 1 << 28,
             film_pixels: 16_384 * 16_384,
         }
     }
