@@ -3,7 +3,7 @@
 use super::interrupt::Signal;
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, Report, SourceCode};
 use std::fmt;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use twopass::accel::AccelError;
@@ -125,7 +125,8 @@ impl Failure {
             let options = MietteHandlerOpts::new().context_lines(1).wrap_lines(terminal);
             Box::new(options.build())
         }));
-        eprintln!("{}", format!("{:?}", Report::new(Shown::new(self))).trim_end());
+        // Whether anyone listens does not matter.
+        let _ = writeln!(std::io::stderr(), "{}", format!("{:?}", Report::new(Shown::new(self))).trim_end());
     }
 }
 
@@ -134,7 +135,7 @@ impl Failure {
 pub fn install_panic_message() {
     std::panic::set_hook(Box::new(|info| {
         if !in_guarded_decoder() {
-            eprintln!("twopass: internal fault, please report it: {info}");
+            let _ = writeln!(std::io::stderr(), "twopass: internal fault, please report it: {info}");
         }
     }));
 }

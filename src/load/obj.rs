@@ -6,7 +6,7 @@
 //! back from the line they stand on. Texture coordinates are flipped vertically on request, because images have their first row at
 //! the top.
 
-use super::error::short;
+use super::error::{LoadErrorKind, short};
 use super::mesh::{MeshFault, RawMesh};
 use crate::math::{DVec3, Vec2};
 use std::borrow::Cow;
@@ -15,12 +15,21 @@ use std::fmt::Write;
 /// Largest number of elements that u32 indices can name.
 const NONE: u32 = u32::MAX;
 
+/// Longest line in bytes; a polygon of 65,536 corners with three indices of six digits each has fewer.
+const MAX_LINE: usize = 2 << 20;
+
+/// Most corners of a face.
+const MAX_CORNERS: usize = 65_536;
+
 /// Reads an OBJ file.
 pub(super) fn parse(bytes: &[u8], flip_v: bool) -> Result<RawMesh, MeshFault> {
-    let scan = Scan::of(bytes)?;
+    // A byte order mark would hide the first statement.
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let scan = Scan::of(text)
+        .map_err(|fault| MeshFault { offset: fault.offset.map(|offset| offset + bytes.len() - text.len()), kind: fault.kind })?;
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ..tobj::LoadOptions::default() };
     let no_materials = |_: &std::path::Path| Ok(Default::default());
-    let (models, _) = tobj::load_obj_buf(&mut scan.text(bytes).as_ref(), &options, no_materials)
+    let (models, _) = tobj::load_obj_buf(&mut scan.text(text).as_ref(), &options, no_materials)
         .map_err(|error| MeshFault::new(None, "an OBJ file", error.to_string()))?;
     Ok(join(&models, flip_v))
 }
@@ -82,8 +91,8 @@ struct Scan {
     positions: usize,
     uvs: usize,
     normals: usize,
-    /// Statements that make tobj begin a new mesh occur.
-    has_groups: bool,
+    /// Statements that make tobj begin a new mesh occur, or bytes that are not ASCII.
+    has_more: bool,
     /// The faces written with plain indices, by the attributes they have.
     faces: [String; 4],
     face: Vec<Corner>,
@@ -94,10 +103,21 @@ impl Scan {
         let mut scan = Self::default();
         let mut offset = 0;
         for (index, line) in bytes.split(|b| *b == b'\n').enumerate() {
+            let over = |what: &str, limit, found| {
+                let what = format!("{what} line {}", index + 1);
+                let (limit, found) = (limit as u64, found as u64);
+                Err(MeshFault { offset: Some(offset), kind: LoadErrorKind::OverLimit { what, limit, found } })
+            };
+            if line.len() > MAX_LINE {
+                return over("bytes of", MAX_LINE, line.len());
+            }
             scan.line(line).map_err(|fault| {
                 let found = format!("line {}: {}", index + 1, fault.found);
                 MeshFault::new(Some(offset), fault.expected, found)
             })?;
+            if scan.face.len() > MAX_CORNERS {
+                return over("corners of the face in", MAX_CORNERS, scan.face.len());
+            }
             offset += line.len() + 1;
         }
         if scan.positions == 0 && scan.faces.iter().all(String::is_empty) {
@@ -107,6 +127,8 @@ impl Scan {
     }
 
     fn line(&mut self, line: &[u8]) -> Result<(), Fault> {
+        // tobj wants UTF-8 in comments, too.
+        self.has_more |= !line.is_ascii();
         let mut words = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
         match words.next() {
             Some(b"v") => {
@@ -125,7 +147,7 @@ impl Scan {
             None => {}
             Some(word) if word.starts_with(b"#") => {}
             // Whatever else there is, tobj need not see it.
-            Some(_) => self.has_groups = true,
+            Some(_) => self.has_more = true,
         }
         Ok(())
     }
@@ -178,13 +200,13 @@ impl Scan {
     /// The file as tobj is to see it: unchanged if all faces are alike and nothing divides them.
     fn text<'b>(&self, bytes: &'b [u8]) -> Cow<'b, [u8]> {
         let kinds = self.faces.iter().filter(|f| !f.is_empty()).count();
-        if !self.has_groups && kinds <= 1 {
+        if !self.has_more && kinds <= 1 {
             return Cow::Borrowed(bytes);
         }
         let is_vertex = |line: &&[u8]| line.trim_ascii_start().first() == Some(&b'v');
         let mut written = Vec::with_capacity(bytes.len());
         for line in bytes.split(|b| *b == b'\n').filter(is_vertex) {
-            written.extend_from_slice(line);
+            written.extend_from_slice(String::from_utf8_lossy(line).as_bytes());
             written.push(b'\n');
         }
         for (class, faces) in self.faces.iter().enumerate().filter(|(_, f)| !f.is_empty()) {
