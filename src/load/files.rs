@@ -19,6 +19,8 @@ pub(super) struct Files {
     digests: Mutex<BTreeMap<PathBuf, u64>>,
     /// Pixels of the images taken so far.
     pixels: AtomicU64,
+    /// Triangles of the shapes made so far.
+    triangles: AtomicU64,
 }
 
 impl Files {
@@ -27,7 +29,14 @@ impl Files {
         let parent = main.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let root = canonical(parent)?;
         let allowed = options.allow_paths.iter().map(|p| canonical(p)).collect::<Result<_, _>>()?;
-        Ok(Files { root, allowed, limits: options.limits, digests: Mutex::default(), pixels: AtomicU64::new(0) })
+        Ok(Files {
+            root,
+            allowed,
+            limits: options.limits,
+            digests: Mutex::default(),
+            pixels: AtomicU64::new(0),
+            triangles: AtomicU64::new(0),
+        })
     }
 
     /// No files at all.
@@ -91,6 +100,16 @@ impl Files {
         let all = self.pixels.fetch_add(found, Ordering::Relaxed) + found;
         if all > limits.all_image_pixels {
             return over("pixels of all images with", limits.all_image_pixels, all);
+        }
+        Ok(())
+    }
+
+    /// Counts the triangles of a shape: a short scene file can ask for the same large mesh again and again.
+    pub fn take_triangles(&self, count: usize) -> Result<(), LoadErrorKind> {
+        let (limit, count) = (self.limits.triangles, count as u64);
+        let found = self.triangles.fetch_add(count, Ordering::Relaxed) + count;
+        if found > limit {
+            return Err(LoadErrorKind::OverLimit { what: "triangles of all shapes".to_owned(), limit, found });
         }
         Ok(())
     }

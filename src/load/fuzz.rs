@@ -24,6 +24,7 @@ pub const LIMITS: Limits = Limits {
     image_side: 65_535,
     image_pixels: 1 << 20,
     all_image_pixels: 1 << 21,
+    triangles: 1 << 19,
     film_pixels: 1 << 20,
 };
 

@@ -76,6 +76,8 @@ pub struct Limits {
     pub image_pixels: u64,
     /// Pixels of all images together.
     pub all_image_pixels: u64,
+    /// Triangles of all shapes together; the ray engines hold no more either.
+    pub triangles: u64,
     /// Pixels of the film.
     pub film_pixels: u64,
 }
@@ -94,6 +96,7 @@ impl Default for Limits {
             image_side: 65_535,
             image_pixels: 1 << 27,
             all_image_pixels: 1 << 28,
+            triangles: 1 << 27,
             film_pixels: 16_384 * 16_384,
         }
     }

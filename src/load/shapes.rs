@@ -66,6 +66,9 @@ impl<'a> Loader<'a> {
             "sphere" => self.sphere(shape, &id)?,
             _ => return Err(unknown_plugin(shape, &["obj", "ply", "rectangle", "cube", "sphere", "disk"])),
         };
+        if let Geometry::Ready(SurfaceSource::Triangles(t)) = &geometry {
+            self.files.take_triangles(t.triangles.len()).map_err(|kind| shape.place.error(kind))?;
+        }
         let emitter = shape.child(self.ids, Class::EMITTER)?;
         let emission = emitter.map_or(Ok(Rgb::BLACK), |e| self.area_radiance(e))?;
         let material = match shape.child(self.ids, Class::BSDF)? {
@@ -183,6 +186,7 @@ impl MeshFile {
             let (expected, found) = ("a mesh with triangles".to_owned(), "none".to_owned());
             return Err(LoadErrorKind::Malformed { expected, found }.in_file(&self.path));
         }
+        files.take_triangles(mesh.triangles.len()).map_err(|kind| self.place.error(kind))?;
         Ok(self.placement.apply(mesh))
     }
 }

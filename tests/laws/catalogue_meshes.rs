@@ -145,3 +145,21 @@ fn c14_lines_of_a_hundred_megabytes_are_over_a_limit() {
     obj(long("# ", "x")).refused(4, &["m.obj:1:1", "bytes of line 1"]);
     ply(long("ply\ncomment ", "x")).refused(3, &["m.ply", "end_header"]);
 }
+
+#[test]
+fn c10_triangles_of_all_shapes_together_have_a_limit() {
+    let square = format!("{SQUARE}f 1 2 3\nf 3 2 1\n");
+    for (body, n) in [("<shape type='cube'/>\n".repeat(3), 36), (mesh_shape("m.obj").repeat(5), 10)] {
+        let mut fixture = Fixture::new(&body).with("m.obj", &square);
+        fixture.options.limits.triangles = n;
+        assert!(fixture.load().is_ok());
+        fixture.options.limits.triangles = n - 1;
+        let error = fixture.load().expect_err("one too many");
+        assert!(error.at.is_some() && error.to_string().contains(&format!("triangles of all shapes: {n} is over")), "{error}");
+    }
+    // A flipped sphere is 75 bytes of text and thousands of triangles.
+    let flipped = "<shape type='sphere'><boolean name='flip_normals' value='true'/></shape>";
+    let mut many = Fixture::new(&flipped.repeat(2000));
+    many.options.limits.triangles = 1 << 17;
+    assert_eq!(many.load().expect_err("too many").kind.fault(), twopass::load::Fault::OverLimit);
+}
