@@ -47,6 +47,7 @@ impl Files {
             limits,
             digests: Mutex::default(),
             pixels: AtomicU64::new(0),
+            triangles: AtomicU64::new(0),
         }
     }
 
