@@ -3,10 +3,11 @@
 use super::interrupt::Signal;
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, NamedSource, Report, SourceCode};
 use std::fmt;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use twopass::accel::AccelError;
+use twopass::film::guard::in_guarded_decoder;
 use twopass::film::io::{ReadError, ReadErrorKind, WriteError};
 use twopass::load::{Fault, LoadError, Position};
 use twopass::metrics::MetricsError;
@@ -124,13 +125,19 @@ impl Failure {
             let options = MietteHandlerOpts::new().context_lines(1).wrap_lines(terminal);
             Box::new(options.build())
         }));
-        eprintln!("{}", format!("{:?}", Report::new(Shown::new(self))).trim_end());
+        // Whether anyone listens does not matter.
+        let _ = writeln!(std::io::stderr(), "{}", format!("{:?}", Report::new(Shown::new(self))).trim_end());
     }
 }
 
-/// A fault of this program says so, in one line and with its place.
+/// A fault of this program says so, in one line and with its place. One that damaged pictures cause in a decoder does not: it
+/// becomes an error.
 pub fn install_panic_message() {
-    std::panic::set_hook(Box::new(|info| eprintln!("twopass: internal fault, please report it: {info}")));
+    std::panic::set_hook(Box::new(|info| {
+        if !in_guarded_decoder() {
+            let _ = writeln!(std::io::stderr(), "twopass: internal fault, please report it: {info}");
+        }
+    }));
 }
 
 /// A failure as miette draws it.

@@ -1,8 +1,8 @@
 //! Reading EXR files.
 
-use super::Image;
 use super::io::{MAX_PIXELS, ReadError, ReadErrorKind, malformed};
 use super::layer::channel_name;
+use super::{Image, guard};
 use exr::prelude as e;
 use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
 use std::path::Path;
@@ -37,8 +37,8 @@ fn guarded(
     names: &[String],
     decode: impl Fn(&Path) -> Result<Image, ReadErrorKind> + std::panic::RefUnwindSafe,
 ) -> Result<Image, ReadError> {
-    std::panic::catch_unwind(|| check_header(path, names).and_then(|()| decode(path)))
-        .unwrap_or_else(|_| Err(malformed("OpenEXR", "the decoder failed")))
+    guard::guarded(|| check_header(path, names).and_then(|()| decode(path)))
+        .unwrap_or_else(|| Err(malformed("OpenEXR", "the decoder failed")))
         .map_err(|kind| ReadError { path: path.to_owned(), kind })
 }
 
@@ -83,6 +83,8 @@ fn decode_rgb(path: &Path, names: &[String; 3]) -> Result<Image, ReadErrorKind> 
         )
         .first_valid_layer()
         .all_attributes()
+        // A damaged block must not panic on the thread of a pool.
+        .non_parallel()
         .from_file(path)
         .map_err(exr_error)?;
     Ok(image.layer_data.channel_data.pixels)
@@ -103,6 +105,8 @@ fn decode_grey(path: &Path) -> Result<Image, ReadErrorKind> {
         )
         .first_valid_layer()
         .all_attributes()
+        // A damaged block must not panic on the thread of a pool.
+        .non_parallel()
         .from_file(path)
         .map_err(exr_error)?;
     Ok(image.layer_data.channel_data.pixels)

@@ -3,6 +3,7 @@
 mod atomic;
 mod exr_in;
 mod exr_out;
+pub mod guard;
 pub mod image;
 pub mod io;
 pub mod layer;

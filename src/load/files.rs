@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The files of one scene.
 #[derive(Debug)]
@@ -16,6 +17,10 @@ pub(super) struct Files {
     pub limits: Limits,
     /// Digest of every file read, by path without links.
     digests: Mutex<BTreeMap<PathBuf, u64>>,
+    /// Pixels of the images taken so far.
+    pixels: AtomicU64,
+    /// Triangles of the shapes made so far.
+    triangles: AtomicU64,
 }
 
 impl Files {
@@ -24,7 +29,26 @@ impl Files {
         let parent = main.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let root = canonical(parent)?;
         let allowed = options.allow_paths.iter().map(|p| canonical(p)).collect::<Result<_, _>>()?;
-        Ok(Files { root, allowed, limits: options.limits, digests: Mutex::default() })
+        Ok(Files {
+            root,
+            allowed,
+            limits: options.limits,
+            digests: Mutex::default(),
+            pixels: AtomicU64::new(0),
+            triangles: AtomicU64::new(0),
+        })
+    }
+
+    /// No files at all.
+    pub fn nowhere(limits: Limits) -> Files {
+        Files {
+            root: PathBuf::from("/nowhere"),
+            allowed: Vec::new(),
+            limits,
+            digests: Mutex::default(),
+            pixels: AtomicU64::new(0),
+            triangles: AtomicU64::new(0),
+        }
     }
 
     /// The real path of `name`, as written in the scene, if it may be read.
@@ -49,7 +73,8 @@ impl Files {
         if meta.len() > limit {
             return Err(over(meta.len()));
         }
-        let mut bytes = Vec::with_capacity(meta.len() as usize);
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(meta.len() as usize + 1).map_err(|e| failed(e.into()))?;
         // The file may grow while it is read.
         std::fs::File::open(path).and_then(|f| f.take(limit + 1).read_to_end(&mut bytes)).map_err(failed)?;
         if bytes.len() as u64 > limit {
@@ -57,6 +82,37 @@ impl Files {
         }
         self.digests.lock().expect("no holder of this lock panics").insert(path.to_owned(), digest(&bytes));
         Ok(bytes)
+    }
+
+    /// Asks for the memory of an image, before it is taken: limits hold for its sides, its pixels, and those of all images.
+    pub fn take_pixels(&self, path: &Path, width: u64, height: u64) -> Result<(), LoadErrorKind> {
+        let limits = &self.limits;
+        let found = width.saturating_mul(height);
+        let over = |what: &str, limit, found| {
+            let what = format!("{what} {} ({width} x {height})", path.display());
+            Err(LoadErrorKind::OverLimit { what, limit, found })
+        };
+        if width.max(height) > limits.image_side {
+            return over("longer side of", limits.image_side, width.max(height));
+        }
+        if found > limits.image_pixels {
+            return over("pixels of", limits.image_pixels, found);
+        }
+        let all = self.pixels.fetch_add(found, Ordering::Relaxed) + found;
+        if all > limits.all_image_pixels {
+            return over("pixels of all images with", limits.all_image_pixels, all);
+        }
+        Ok(())
+    }
+
+    /// Counts the triangles of a shape: a short scene file can ask for the same large mesh again and again.
+    pub fn take_triangles(&self, count: usize) -> Result<(), LoadErrorKind> {
+        let (limit, count) = (self.limits.triangles, count as u64);
+        let found = self.triangles.fetch_add(count, Ordering::Relaxed) + count;
+        if found > limit {
+            return Err(LoadErrorKind::OverLimit { what: "triangles of all shapes".to_owned(), limit, found });
+        }
+        Ok(())
     }
 
     /// A text file in UTF-8.

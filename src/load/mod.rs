@@ -1,4 +1,4 @@
-//! Scene files in: Mitsuba 3 XML with OBJ, PLY and serialized meshes and PNG, JPEG and OpenEXR images; or a glTF 2.0
+//! Scene files in: Mitsuba 3 XML with OBJ, PLY and serialized meshes and PNG, JPEG, Radiance and OpenEXR images; or a glTF 2.0
 //! or an OBJ by itself.
 //!
 //! ```no_run
@@ -16,6 +16,8 @@ mod emitters;
 mod error;
 mod files;
 mod framing;
+#[doc(hidden)]
+pub mod fuzz;
 mod gltf;
 mod instances;
 mod ior;
@@ -74,12 +76,16 @@ pub struct Limits {
     pub xml_nodes: u32,
     /// Bytes of one mesh file.
     pub mesh_bytes: u64,
-    /// Triangles in all, instances counted one by one.
-    pub triangles: u64,
     /// Bytes of one image file.
     pub image_bytes: u64,
+    /// Width and height of one image.
+    pub image_side: u64,
     /// Pixels of one image, which take 12 bytes each.
     pub image_pixels: u64,
+    /// Pixels of all images together.
+    pub all_image_pixels: u64,
+    /// Triangles of all shapes together, instances counted one by one; the ray engines hold no more either.
+    pub triangles: u64,
     /// Pixels of the film.
     pub film_pixels: u64,
 }
@@ -94,9 +100,11 @@ impl Default for Limits {
             xml_bytes: 64 << 20,
             xml_nodes: 2_000_000,
             mesh_bytes: 8 << 30,
-            triangles: 200_000_000,
             image_bytes: 1 << 30,
+            image_side: 65_535,
             image_pixels: 1 << 27,
+            all_image_pixels: 1 << 28,
+            triangles: 1 << 27,
             film_pixels: 16_384 * 16_384,
         }
     }

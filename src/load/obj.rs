@@ -1,16 +1,25 @@
-//! Wavefront OBJ: `v`, `vt`, `vn`, `f`, and on request `usemtl` and `mtllib`; all else (groups, lines, smoothing) is passed over.
+//! Wavefront OBJ by tobj: `v`, `vt`, `vn`, `f`, and on request `usemtl` and `mtllib`; all else (groups, lines) is passed over.
 //!
-//! One pass over the lines, each with its fault at hand. Vertices are shared by equal triples of indices; negative indices count back
-//! from the line they stand on; an attribute that only some faces have is zero for the others. Texture coordinates are flipped
-//! vertically on request, because images have their first row at the top.
+//! tobj's errors carry no line, and it takes faces without area or numbers that are not finite; so each line is looked at first. It
+//! also makes a mesh of each group, and expects all faces of a mesh to have the same attributes; a file with groups, materials or mixed
+//! faces is therefore written anew, its faces sorted by material and by what they have. Vertices are shared by equal triples of indices; negative indices count
+//! back from the line they stand on. Texture coordinates are flipped vertically on request, because images have their first row at
+//! the top.
 
-use super::error::short;
+use super::error::{LoadErrorKind, short};
 use super::mesh::{MeshFault, RawMesh};
 use crate::math::{DVec3, Vec2};
-use ahash::AHashMap;
+use std::borrow::Cow;
+use std::fmt::Write;
 
-/// An index that no element has: the attribute is missing.
+/// Largest number of elements that u32 indices can name.
 const NONE: u32 = u32::MAX;
+
+/// Longest line in bytes; a polygon of 65,536 corners with three indices of six digits each has fewer.
+const MAX_LINE: usize = 2 << 20;
+
+/// Most corners of a face.
+const MAX_CORNERS: usize = 65_536;
 
 /// Faces of one material.
 #[derive(Debug, Default)]
@@ -33,13 +42,58 @@ pub(super) struct Wavefront {
 
 /// Reads an OBJ file as one mesh.
 pub(super) fn parse(bytes: &[u8], flip_v: bool) -> Result<RawMesh, MeshFault> {
-    let mut parts = Reader::read(bytes, flip_v, false)?.parts;
+    let mut parts = read(bytes, flip_v, false)?.parts;
     Ok(parts.pop().map(|part| part.mesh).unwrap_or_default())
 }
 
 /// Reads an OBJ file as one mesh a material.
 pub(super) fn parse_by_material(bytes: &[u8], flip_v: bool) -> Result<Wavefront, MeshFault> {
-    Reader::read(bytes, flip_v, true)
+    read(bytes, flip_v, true)
+}
+
+fn read(bytes: &[u8], flip_v: bool, by_material: bool) -> Result<Wavefront, MeshFault> {
+    // A byte order mark would hide the first statement.
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mark = bytes.len() - text.len();
+    let scan = Scan::of(text, by_material)
+        .map_err(|fault| MeshFault { offset: fault.offset.map(|offset| offset + mark), kind: fault.kind })?;
+    let options = tobj::LoadOptions { single_index: true, triangulate: true, ..tobj::LoadOptions::default() };
+    let no_materials = |_: &std::path::Path| Ok(Default::default());
+    let (models, _) = tobj::load_obj_buf(&mut scan.text(text).as_ref(), &options, no_materials)
+        .map_err(|error| MeshFault::new(None, "an OBJ file", error.to_string()))?;
+    let part_of = |model: &tobj::Model| part_of_group(&model.name).filter(|_| scan.parts.len() > 1).unwrap_or(0);
+    let parts = scan.parts.iter().enumerate().map(|(index, part)| Part {
+        material: part.material.clone(),
+        offset: part.offset + mark,
+        mesh: join(models.iter().filter(|model| part_of(model) == index), flip_v),
+    });
+    let parts = parts.filter(|part| !part.mesh.triangles.is_empty() || !by_material).collect();
+    let libraries = scan.libraries.iter().map(|(name, offset)| (name.clone(), offset + mark)).collect();
+    Ok(Wavefront { libraries, parts })
+}
+
+/// One mesh of some models; an attribute that some vertices lack is zero there.
+fn join<'m>(models: impl Iterator<Item = &'m tobj::Model> + Clone, flip_v: bool) -> RawMesh {
+    let mut mesh = RawMesh::default();
+    let has_normals = models.clone().any(|m| !m.mesh.normals.is_empty());
+    let has_uvs = models.clone().any(|m| !m.mesh.texcoords.is_empty());
+    for tobj::Model { mesh: part, .. } in models {
+        let base = mesh.positions.len() as u32;
+        let vectors = |values: &[f64]| values.chunks_exact(3).map(|v| DVec3::new(v[0], v[1], v[2])).collect::<Vec<_>>();
+        mesh.positions.extend(vectors(&part.positions));
+        let count = mesh.positions.len();
+        if has_normals {
+            mesh.normals.extend(vectors(&part.normals));
+            mesh.normals.resize(count, DVec3::ZERO);
+        }
+        if has_uvs {
+            let v = |v: f64| if flip_v { 1.0 - v } else { v };
+            mesh.uvs.extend(part.texcoords.chunks_exact(2).map(|t| Vec2::new(t[0] as f32, v(t[1]) as f32)));
+            mesh.uvs.resize(count, Vec2::ZERO);
+        }
+        mesh.triangles.extend(part.indices.chunks_exact(3).map(|t| [t[0] + base, t[1] + base, t[2] + base]));
+    }
+    mesh
 }
 
 /// What is wrong with a line.
@@ -54,143 +108,182 @@ impl Fault {
     }
 }
 
-/// Corner of a face by indices from 0, or [`NONE`].
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+/// Corner of a face by indices from 0.
+#[derive(Clone, Copy, PartialEq)]
 struct Corner {
     position: u32,
-    uv: u32,
-    normal: u32,
-    part: u32,
+    uv: Option<u32>,
+    normal: Option<u32>,
 }
 
+impl Corner {
+    /// Which attributes it has: an index below four.
+    fn class(self) -> usize {
+        usize::from(self.uv.is_some()) + 2 * usize::from(self.normal.is_some())
+    }
+}
+
+/// What a look at every line found.
 #[derive(Default)]
-struct Reader {
-    positions: Vec<DVec3>,
-    uvs: Vec<Vec2>,
-    normals: Vec<DVec3>,
-    file: Wavefront,
+struct Scan {
+    positions: usize,
+    uvs: usize,
+    normals: usize,
+    /// Statements that make tobj begin a new mesh occur, or bytes that are not ASCII.
+    has_more: bool,
+    parts: Vec<PartScan>,
     /// Part that faces go to.
-    current: u32,
-    /// Vertex of the part for each corner seen.
-    vertices: AHashMap<Corner, u32>,
-    flip_v: bool,
+    current: usize,
+    libraries: Vec<(String, usize)>,
     by_material: bool,
+    face: Vec<Corner>,
 }
 
-impl Reader {
-    fn read(bytes: &[u8], flip_v: bool, by_material: bool) -> Result<Wavefront, MeshFault> {
-        let mut reader = Self { flip_v, by_material, ..Self::default() };
-        reader.file.parts.push(Part::default());
+/// The faces of one material as they were written.
+#[derive(Default)]
+struct PartScan {
+    material: String,
+    offset: usize,
+    /// With plain indices, by the attributes that the faces have.
+    faces: [String; 4],
+}
+
+impl Scan {
+    fn of(bytes: &[u8], by_material: bool) -> Result<Self, MeshFault> {
+        let mut scan = Self { by_material, parts: vec![PartScan::default()], ..Self::default() };
         let mut offset = 0;
         for (index, line) in bytes.split(|b| *b == b'\n').enumerate() {
-            reader.line(line, offset).map_err(|fault| {
+            let over = |what: &str, limit, found| {
+                let what = format!("{what} line {}", index + 1);
+                let (limit, found) = (limit as u64, found as u64);
+                Err(MeshFault { offset: Some(offset), kind: LoadErrorKind::OverLimit { what, limit, found } })
+            };
+            if line.len() > MAX_LINE {
+                return over("bytes of", MAX_LINE, line.len());
+            }
+            scan.line(line, offset).map_err(|fault| {
                 let found = format!("line {}: {}", index + 1, fault.found);
                 MeshFault::new(Some(offset), fault.expected, found)
             })?;
+            if scan.face.len() > MAX_CORNERS {
+                return over("corners of the face in", MAX_CORNERS, scan.face.len());
+            }
             offset += line.len() + 1;
         }
-        let Self { mut file, positions, .. } = reader;
-        file.parts.retain(|part| !part.mesh.triangles.is_empty());
-        if positions.is_empty() && file.parts.is_empty() {
+        if scan.positions == 0 && scan.parts.iter().flat_map(|p| &p.faces).all(String::is_empty) {
             return Err(MeshFault::new(None, "an OBJ file", "no vertex and no face"));
         }
-        for part in &mut file.parts {
-            let mesh = &mut part.mesh;
-            // None of the part's faces has the attribute.
-            if mesh.normals.iter().all(|n| *n == DVec3::ZERO) {
-                mesh.normals = Vec::new();
-            }
-            if mesh.uvs.iter().all(|t| t.is_nan()) {
-                mesh.uvs = Vec::new();
-            }
-            mesh.uvs.iter_mut().filter(|t| t.is_nan()).for_each(|t| *t = Vec2::ZERO);
-        }
-        Ok(file)
+        Ok(scan)
     }
 
     fn line(&mut self, line: &[u8], offset: usize) -> Result<(), Fault> {
+        // tobj wants UTF-8 in comments, too.
+        self.has_more |= !line.is_ascii();
         let mut words = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
         match words.next() {
-            Some(b"v") => self.positions.push(DVec3::from(numbers(&mut words, 3)?)),
-            Some(b"vt") => {
-                let [u, v, _] = numbers(&mut words, 2)?;
-                self.uvs.push(Vec2::new(u as f32, if self.flip_v { 1.0 - v } else { v } as f32));
+            Some(b"v") => {
+                numbers(&mut words, 3)?;
+                self.positions += 1;
             }
-            Some(b"vn") => self.normals.push(DVec3::from(numbers(&mut words, 3)?)),
+            Some(b"vt") => {
+                numbers(&mut words, 2)?;
+                self.uvs += 1;
+            }
+            Some(b"vn") => {
+                numbers(&mut words, 3)?;
+                self.normals += 1;
+            }
             Some(b"f") => self.face(words)?,
-            Some(b"usemtl") if self.by_material => self.use_material(&rest_of(line, b"usemtl"), offset),
-            Some(b"mtllib") if self.by_material => self.file.libraries.push((rest_of(line, b"mtllib"), offset)),
-            _ => {}
+            Some(b"usemtl") if self.by_material => self.use_material(rest_of(line, b"usemtl"), offset),
+            Some(b"mtllib") if self.by_material => {
+                self.has_more = true;
+                self.libraries.push((rest_of(line, b"mtllib"), offset));
+            }
+            None => {}
+            Some(word) if word.starts_with(b"#") => {}
+            // Whatever else there is, tobj need not see it.
+            Some(_) => self.has_more = true,
         }
         Ok(())
     }
 
-    fn use_material(&mut self, name: &str, offset: usize) {
-        let known = self.file.parts.iter().position(|p| p.material == name);
-        let index = known.unwrap_or_else(|| {
-            self.file.parts.push(Part { material: name.to_owned(), offset, mesh: RawMesh::default() });
-            self.file.parts.len() - 1
+    fn use_material(&mut self, material: String, offset: usize) {
+        self.has_more = true;
+        self.current = self.parts.iter().position(|part| part.material == material).unwrap_or_else(|| {
+            self.parts.push(PartScan { material, offset, ..PartScan::default() });
+            self.parts.len() - 1
         });
-        self.current = index as u32;
     }
 
     fn face<'w>(&mut self, words: impl Iterator<Item = &'w [u8]>) -> Result<(), Fault> {
-        let (mut count, mut first, mut last) = (0, 0, 0);
-        let mut attributes = (false, false);
+        let mut face = std::mem::take(&mut self.face);
+        face.clear();
         for word in words {
-            let corner = self.corner(word)?;
-            let has = (corner.uv != NONE, corner.normal != NONE);
-            if count > 0 && has != attributes {
-                return Err(Fault::new("a face whose corners all have the same attributes", "a mixture of them"));
-            }
-            attributes = has;
-            let vertex = self.vertex(corner)?;
-            // A fan from the first corner, as Mitsuba makes it.
-            match count {
-                0 => first = vertex,
-                1 => {}
-                _ => self.file.parts[self.current as usize].mesh.triangles.push([first, last, vertex]),
-            }
-            last = vertex;
-            count += 1;
+            face.push(self.corner(word)?);
         }
-        if count < 3 {
-            return Err(Fault::new("a face of three vertices or more", format!("{count} of them")));
+        if face.len() < 3 {
+            return Err(Fault::new("a face of three vertices or more", format!("{} of them", face.len())));
         }
+        let class = face[0].class();
+        if face.iter().any(|c| c.class() != class) {
+            return Err(Fault::new("a face whose corners all have the same attributes", "a mixture of them"));
+        }
+        let text = &mut self.parts[self.current].faces[class];
+        text.push('f');
+        for corner in &face {
+            // Writing to a string cannot fail.
+            let _ = match (corner.uv, corner.normal) {
+                (None, None) => write!(text, " {}", corner.position + 1),
+                (Some(uv), None) => write!(text, " {}/{}", corner.position + 1, uv + 1),
+                (None, Some(n)) => write!(text, " {}//{}", corner.position + 1, n + 1),
+                (Some(uv), Some(n)) => write!(text, " {}/{}/{}", corner.position + 1, uv + 1, n + 1),
+            };
+        }
+        text.push('\n');
+        self.face = face;
         Ok(())
-    }
-
-    /// Index of the vertex that a corner stands for.
-    fn vertex(&mut self, corner: Corner) -> Result<u32, Fault> {
-        let mesh = &mut self.file.parts[self.current as usize].mesh;
-        let next = mesh.positions.len();
-        if next >= NONE as usize {
-            return Err(Fault::new(format!("fewer than {NONE} vertices"), "one more"));
-        }
-        let index = *self.vertices.entry(corner).or_insert(next as u32);
-        if index as usize == next {
-            mesh.positions.push(self.positions[corner.position as usize]);
-            mesh.normals.push(self.normals.get(corner.normal as usize).copied().unwrap_or(DVec3::ZERO));
-            mesh.uvs.push(self.uvs.get(corner.uv as usize).copied().unwrap_or(Vec2::NAN));
-        }
-        Ok(index)
     }
 
     /// One corner `v`, `v/vt`, `v//vn` or `v/vt/vn`.
     fn corner(&self, word: &[u8]) -> Result<Corner, Fault> {
         let mut parts = word.split(|b| *b == b'/');
-        let position = index(parts.next().unwrap_or_default(), self.positions.len(), "vertex", word)?;
+        let position = index(parts.next().unwrap_or_default(), self.positions, "vertex", word)?;
         let mut optional = |count, what| match parts.next() {
-            None | Some(b"") => Ok(NONE),
-            Some(part) => index(part, count, what, word),
+            None | Some(b"") => Ok(None),
+            Some(part) => index(part, count, what, word).map(Some),
         };
-        let uv = optional(self.uvs.len(), "texture coordinate")?;
-        let normal = optional(self.normals.len(), "normal")?;
+        let uv = optional(self.uvs, "texture coordinate")?;
+        let normal = optional(self.normals, "normal")?;
         if parts.next().is_some() {
             return Err(Fault::new("v/vt/vn", text(word)));
         }
-        Ok(Corner { position, uv, normal, part: self.current })
+        Ok(Corner { position, uv, normal })
     }
+
+    /// The file as tobj is to see it: unchanged if all faces are alike and nothing divides them.
+    fn text<'b>(&self, bytes: &'b [u8]) -> Cow<'b, [u8]> {
+        let faces =
+            || self.parts.iter().enumerate().flat_map(|(i, p)| p.faces.iter().enumerate().map(move |(class, f)| (i, class, f)));
+        let kinds = faces().filter(|(.., f)| !f.is_empty()).count();
+        if !self.has_more && kinds <= 1 {
+            return Cow::Borrowed(bytes);
+        }
+        let is_vertex = |line: &&[u8]| line.trim_ascii_start().first() == Some(&b'v');
+        let mut written = Vec::with_capacity(bytes.len());
+        for line in bytes.split(|b| *b == b'\n').filter(is_vertex) {
+            written.extend_from_slice(String::from_utf8_lossy(line).as_bytes());
+            written.push(b'\n');
+        }
+        for (part, class, faces) in faces().filter(|(.., f)| !f.is_empty()) {
+            written.extend_from_slice(format!("g {part}_{class}\n{faces}").as_bytes());
+        }
+        Cow::Owned(written)
+    }
+}
+
+/// The part that a group written by [`Scan::text`] belongs to.
+fn part_of_group(name: &str) -> Option<usize> {
+    name.split('_').next()?.parse().ok()
 }
 
 /// What stands behind the first word of a line: a name, which may contain spaces.
@@ -217,12 +310,8 @@ fn numbers<'w>(words: &mut impl Iterator<Item = &'w [u8]>, needed: usize) -> Res
 
 /// Index into a list of `count` from one as written: from 1 up, or from -1 down for the last one.
 fn index(part: &[u8], count: usize, what: &str, word: &[u8]) -> Result<u32, Fault> {
-    let digits = std::str::from_utf8(part).unwrap_or_default();
-    // Numbers of 20 digits are still told as such.
-    let number = match digits.parse::<i64>() {
-        Ok(number) => i128::from(number),
-        Err(_) => digits.parse().map_err(|_| Fault::new("indices such as 1, 1/2, 1//3 or 1/2/3", text(word)))?,
-    };
+    let number = std::str::from_utf8(part).ok().and_then(|p| p.parse::<i128>().ok());
+    let number = number.ok_or_else(|| Fault::new("indices such as 1, 1/2, 1//3 or 1/2/3", text(word)))?;
     let count = count as i128;
     let index = if number > 0 { number - 1 } else { count + number };
     if number == 0 || index < 0 || index >= count || index >= i128::from(NONE) {

@@ -56,7 +56,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<RawMesh> {
         reader.check_count(element)?;
         match element.name.as_str() {
             "vertex" => reader.vertices(element, &mut mesh)?,
-            "face" => reader.faces(element, &mut faces)?,
+            "face" => reader.faces(element, mesh.positions.len(), &mut faces)?,
             _ => reader.skip(element)?,
         }
     }
@@ -189,13 +189,14 @@ impl Reader<'_> {
         mesh.positions.reserve(element.count);
         let mut row = vec![0.0; element.properties.len()];
         for vertex in 0..element.count {
+            let start = self.next();
             for (value, property) in row.iter_mut().zip(&element.properties) {
                 *value = self.value_or_list(property, |_| {})?;
             }
             let point = |at: [usize; 3]| DVec3::from(at.map(|i| row[i]));
             let p = point(position);
             if !p.is_finite() {
-                return Err(MeshFault::new(None, "finite coordinates", format!("{p} at vertex {vertex}")));
+                return Err(self.fault(start, "finite coordinates", format!("{p} at vertex {vertex}")));
             }
             mesh.positions.push(p);
             // A normal that is no direction counts as none.
@@ -207,7 +208,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn faces(&mut self, element: &Element, triangles: &mut Vec<[u32; 3]>) -> Result<()> {
+    /// Faces of a mesh with `vertices` so far; they may also follow.
+    fn faces(&mut self, element: &Element, vertices: usize, triangles: &mut Vec<[u32; 3]>) -> Result<()> {
         let is_list = |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
         if !element.properties.iter().any(is_list) {
             return Err(MeshFault::new(None, "faces with the list vertex_indices", "others"));
@@ -221,14 +223,19 @@ impl Reader<'_> {
                     continue;
                 }
                 corners.clear();
+                let start = self.next();
                 self.value_or_list(property, |v| corners.push(v))?;
                 if corners.len() < 3 {
                     let found = format!("{} vertices in face {face}", corners.len());
-                    return Err(MeshFault::new(None, "faces of three vertices or more", found));
+                    return Err(self.fault(start, "faces of three vertices or more", found));
                 }
                 let valid = |v: &f64| *v >= 0.0 && *v < f64::from(u32::MAX) && v.fract() == 0.0;
                 if let Some(bad) = corners.iter().find(|v| !valid(v)) {
-                    return Err(MeshFault::new(None, "vertices from 0 up", format!("vertex {bad} in face {face}")));
+                    return Err(self.fault(start, "vertices from 0 up", format!("vertex {bad} in face {face}")));
+                }
+                if let Some(bad) = corners.iter().find(|v| vertices > 0 && **v >= vertices as f64) {
+                    let found = format!("vertex {bad} in face {face}");
+                    return Err(self.fault(start, &format!("vertices from 0 to {}", vertices - 1), found));
                 }
                 polygon.clear();
                 polygon.extend(corners.iter().map(|v| *v as u32));
@@ -254,9 +261,10 @@ impl Reader<'_> {
     /// The value of a scalar property; or 0 for a list, whose items go to `item`.
     fn value_or_list(&mut self, property: &Property, mut item: impl FnMut(f64)) -> Result<f64> {
         let Some(length) = property.list else { return self.value(property.scalar) };
+        let start = self.next();
         let n = self.value(length)?;
         if n < 0.0 {
-            return Err(MeshFault::new(None, "a list with a length", format!("length {n} at byte {}", self.at)));
+            return Err(self.fault(start, "a list with a length", format!("length {n}")));
         }
         for _ in 0..n as u64 {
             item(self.value(property.scalar)?);
@@ -298,6 +306,20 @@ impl Reader<'_> {
         let at = self.at + start;
         self.at += end;
         number.ok_or_else(|| MeshFault::new(Some(at), "a number", format!("\"{}\"", short(&String::from_utf8_lossy(word)))))
+    }
+
+    /// Byte at which the next item begins.
+    fn next(&self) -> usize {
+        let blanks = self.bytes[self.at..].iter().take_while(|b| self.format == Format::Ascii && b.is_ascii_whitespace());
+        self.at + blanks.count()
+    }
+
+    /// A fault of the item at byte `at`: by its line in a text file.
+    fn fault(&self, at: usize, expected: &str, found: String) -> MeshFault {
+        match self.format {
+            Format::Ascii => MeshFault::new(Some(at), expected, found),
+            _ => MeshFault::new(None, expected, format!("{found}, at byte {at}")),
+        }
     }
 
     fn too_short(&self) -> MeshFault {
@@ -385,7 +407,7 @@ mod tests {
             ("element vertex 3", "element vertex 100000000000000000000", "count"),
             ("element face 1", "element face 4000000000", "4000000000"),
             ("element other 1", "element other 4000000000", "4000000000"),
-            ("3 0 1 2", "3 0 1 3", "vertex 3 in triangle 0"),
+            ("3 0 1 2", "3 0 1 3", "vertices from 0 to 2, found vertex 3 in face 0"),
             ("3 0 1 2", "3 0 1 -1", "vertex -1 in face 0"),
             ("3 0 1 2", "2 0 1", "three vertices"),
             ("0 1 0.5", "0 nan 0.5", "vertex 2"),

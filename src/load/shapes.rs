@@ -85,6 +85,9 @@ impl<'a> Loader<'a> {
             "sphere" => self.sphere(shape, &id, material, emitter.is_some())?,
             _ => return Err(unknown_plugin(shape, &KNOWN)),
         };
+        if let Geometry::Ready(SurfaceSource::Triangles(t)) = &geometry {
+            self.files.take_triangles(t.triangles.len()).map_err(|kind| shape.place.error(kind))?;
+        }
         // A hint for Mitsuba's differentiable rendering.
         shape.ignore(&["silhouette_sampling_weight"]);
         shape.finish()?;
@@ -182,7 +185,7 @@ pub(super) fn uniform_scale(m: &DAffine3) -> Option<f64> {
 
 /// True if a material looks different at other texture coordinates.
 fn is_textured(surface: &Surface) -> bool {
-    matches!(&surface.material, Material::Diffuse { reflectance: Texture::Bitmap(_) })
+    matches!(&surface.material, Material::Diffuse { reflectance: Texture::Bitmap(_) | Texture::Checkerboard(_) })
 }
 
 fn cylinder(shape: &Object) -> Result<Geometry, LoadError> {
@@ -249,6 +252,7 @@ impl MeshFile {
             let (expected, found) = ("a mesh with triangles".to_owned(), "none".to_owned());
             return Err(LoadErrorKind::Malformed { expected, found }.in_file(&self.path));
         }
+        files.take_triangles(mesh.triangles.len()).map_err(|kind| self.place.error(kind))?;
         Ok(self.placement.apply(mesh))
     }
 }

@@ -51,7 +51,7 @@ fn image_files(object: &Object, files: &Files, keys: &mut Vec<(PathBuf, bool)>) 
 
 fn decode_file(files: &Files, (path, raw): &(PathBuf, bool)) -> Result<Picture, LoadErrorKind> {
     let bytes = files.read(path, files.limits.image_bytes)?;
-    picture::decode(&bytes, path, *raw, &files.limits)
+    picture::decode(&bytes, path, *raw, files)
 }
 
 impl Use {

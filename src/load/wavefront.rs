@@ -124,7 +124,7 @@ fn decode(used: &[&Described], files: &Files) -> Result<HashMap<PathBuf, Picture
             }
         }
     }
-    let read = |path: &Path| picture::decode(&files.read(path, files.limits.image_bytes)?, path, false, &files.limits);
+    let read = |path: &Path| picture::decode(&files.read(path, files.limits.image_bytes)?, path, false, files);
     let decoded: Vec<_> =
         wanted.par_iter().map(|(path, material, offset)| read(path).map_err(|kind| material.error(*offset, kind))).collect();
     wanted.iter().zip(decoded).map(|((path, ..), picture)| Ok((path.clone(), picture?))).collect()

@@ -25,6 +25,13 @@ pub(super) struct Tree {
 impl Tree {
     /// Reads the scene file at `path` with the parameters given on the command line.
     pub fn read(files: &Files, path: &Path, defines: &[(String, String)]) -> Result<Tree, LoadError> {
+        let source = files.read_text(path, files.limits.xml_bytes).map_err(|kind| kind.in_file(path))?;
+        Self::of_text(files, source, defines)
+    }
+
+    /// Reads the text of a scene file.
+    pub fn of_text(files: &Files, source: SourceText, defines: &[(String, String)]) -> Result<Tree, LoadError> {
+        let path = source.path.clone();
         let mut reader = Reader {
             files,
             parameters: Parameters::new(defines, files.limits.xml_bytes),
@@ -34,13 +41,13 @@ impl Tree {
             upgrade: false,
             aliases: Vec::new(),
         };
-        let mut scene = reader.file(path, 0)?;
+        let mut scene = reader.file(source, 0)?;
         let is_scene = scene.len() == 1 && matches!(&scene[0].value, Value::Object(o) if o.class == Class::SCENE);
         let Some(Property { value: Value::Object(root), .. }) = scene.pop().filter(|_| is_scene) else {
             let (expected, found) = ("the element <scene>".to_owned(), "another".to_owned());
-            return Err(LoadErrorKind::Malformed { expected, found }.in_file(path));
+            return Err(LoadErrorKind::Malformed { expected, found }.in_file(&path));
         };
-        reader.parameters.all_used().map_err(|kind| kind.in_file(path))?;
+        reader.parameters.all_used().map_err(|kind| kind.in_file(&path))?;
         Ok(Tree { root, aliases: reader.aliases })
     }
 
@@ -104,9 +111,8 @@ struct Reader<'f> {
 
 impl Reader<'_> {
     /// The root element of a file: an object, or the properties of an included `<scene>`.
-    fn file(&mut self, path: &Path, depth: usize) -> Result<Vec<Property>, LoadError> {
+    fn file(&mut self, source: SourceText, depth: usize) -> Result<Vec<Property>, LoadError> {
         let limits = self.files.limits;
-        let source = self.files.read_text(path, limits.xml_bytes - self.bytes).map_err(|kind| kind.in_file(path))?;
         self.bytes += source.text.len() as u64;
         let source = Arc::new(source);
         if let Some(excess) = scan::excess(&source.text, limits.depth, limits.attributes) {
@@ -122,7 +128,7 @@ impl Reader<'_> {
         let upgrade_of_parent = self.upgrade;
         // An included part without a version is as old as the file that includes it; a scene without one counts as new.
         self.upgrade = version.map_or(upgrade_of_parent, upgrade::is_old);
-        self.open.push(path.to_owned());
+        self.open.push(source.path.clone());
         let properties = if depth > 0 && root.tag_name().name() == "scene" {
             let place = Place { source: source.clone(), offset: root.range().start };
             let mut holder = Object::new(Class::SCENE, "scene".to_owned(), None, place);
@@ -238,7 +244,8 @@ impl Reader<'_> {
         if self.n_includes > limits.includes {
             return Err(over("number of includes", limits.includes, self.n_includes));
         }
-        self.file(&path, depth)
+        let source = self.files.read_text(&path, limits.xml_bytes - self.bytes).map_err(|kind| kind.in_file(&path))?;
+        self.file(source, depth)
     }
 
     fn transform(&self, node: Node<'_, '_>, source: &Arc<SourceText>) -> Result<DAffine3, LoadError> {

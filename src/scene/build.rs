@@ -104,19 +104,22 @@ pub enum SurfaceSource {
     },
 }
 
+/// Bound on coordinates and radii: squares of lengths below it are finite in f32.
+const FARTHEST: f64 = 1e18;
+
 /// Why a scene cannot be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SceneError {
-    /// A coordinate is NaN or infinite.
-    #[error("shape \"{shape}\": vertex {vertex} is not finite")]
+    /// A coordinate is not finite, or too large.
+    #[error("shape \"{shape}\": vertex {vertex} is not finite or has a coordinate beyond {FARTHEST:e}")]
     NotFinite {
         /// Shape's id.
         shape: String,
         /// Index of the vertex.
         vertex: usize,
     },
-    /// A sphere without a positive finite radius.
-    #[error("shape \"{shape}\": a sphere needs a finite radius above 0, found {radius}")]
+    /// A sphere whose radius is not positive, not finite, or too large.
+    #[error("shape \"{shape}\": a sphere needs a radius above 0 and below {FARTHEST:e}, found {radius}")]
     Radius {
         /// Shape's id.
         shape: String,
@@ -195,11 +198,15 @@ impl Scene {
     }
 }
 
+fn is_near(p: &DVec3) -> bool {
+    p.is_finite() && p.abs().max_element() < FARTHEST
+}
+
 fn check(shape: &ShapeSource) -> Result<(), SceneError> {
     let id = || shape.id.clone();
     match &shape.surface {
         SurfaceSource::Triangles(t) => {
-            if let Some(vertex) = t.positions.iter().position(|p| !p.is_finite()) {
+            if let Some(vertex) = t.positions.iter().position(|p| !is_near(p)) {
                 return Err(SceneError::NotFinite { shape: id(), vertex });
             }
             let count = t.positions.len();
@@ -210,10 +217,10 @@ fn check(shape: &ShapeSource) -> Result<(), SceneError> {
             }
         }
         SurfaceSource::Sphere { center, radius } => {
-            if !center.is_finite() {
+            if !is_near(center) {
                 return Err(SceneError::NotFinite { shape: id(), vertex: 0 });
             }
-            if !(radius.is_finite() && *radius > 0.0) {
+            if !(*radius > 0.0 && *radius < FARTHEST) {
                 return Err(SceneError::Radius { shape: id(), radius: *radius });
             }
         }

@@ -3,6 +3,11 @@
 mod accel_conformance;
 mod architecture;
 mod bad_input;
+mod catalogue;
+mod catalogue_corpus;
+mod catalogue_images;
+mod catalogue_meshes;
+mod catalogue_values;
 mod cli;
 mod emitters;
 mod furnace;

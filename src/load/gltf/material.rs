@@ -34,13 +34,12 @@ pub(super) fn decode(materials: &[gltf::Material<'_>], buffers: &Buffers<'_>, fi
 }
 
 fn read(image: &gltf::image::Image<'_>, buffers: &Buffers<'_>, files: &Files) -> Result<Picture, LoadErrorKind> {
-    let limits = &files.limits;
     let name = format!("image {}", image.index());
     match image.source() {
-        gltf::image::Source::View { view, .. } => picture::decode(buffers.view(&view)?, Path::new(&name), false, limits),
+        gltf::image::Source::View { view, .. } => picture::decode(buffers.view(&view)?, Path::new(&name), false, files),
         gltf::image::Source::Uri { uri, .. } => {
             let name = if uri.starts_with("data:") { &name } else { uri };
-            picture::decode(&fetch(uri, files, limits.image_bytes)?, Path::new(name), false, limits)
+            picture::decode(&fetch(uri, files, files.limits.image_bytes)?, Path::new(name), false, files)
         }
     }
 }

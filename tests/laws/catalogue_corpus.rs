@@ -1,0 +1,161 @@
+//! The seeds of the fuzz targets, and the inputs with which fuzzing found a fault: every reader answers each of them, in time.
+
+use crate::catalogue_images::{deflated, exr, header, png};
+use std::io::Cursor;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use twopass::load::fuzz;
+
+fn folder(kind: &str, target: &str) -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "tests/fuzz", kind, target].iter().collect()
+}
+
+/// The inputs of a target: its seeds, and what once was a fault.
+fn inputs(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
+    let files = ["seeds", "found"].into_iter().filter_map(|kind| std::fs::read_dir(folder(kind, target)).ok()).flatten();
+    let mut paths: Vec<PathBuf> = files.map(|e| e.expect("readable").path()).collect();
+    paths.sort();
+    paths.into_iter().map(|p| (p.clone(), std::fs::read(p).expect("readable"))).collect()
+}
+
+fn replay(target: &str, read: impl Fn(&[u8]) -> bool) {
+    let (mut accepted, mut bytes) = (0, 0);
+    let inputs = inputs(target);
+    for (path, input) in &inputs {
+        let start = Instant::now();
+        accepted += usize::from(read(input));
+        bytes += input.len();
+        assert!(start.elapsed() < Duration::from_secs(1), "{} took {:?}", path.display(), start.elapsed());
+    }
+    // Seeds that are all refused, or all accepted, would lead a fuzzer nowhere.
+    assert!(accepted > 0 && accepted < inputs.len(), "{target}: {accepted} of {} accepted", inputs.len());
+    assert!(bytes < 60_000, "{target}: {bytes} bytes");
+}
+
+#[test]
+fn the_corpus_of_each_reader_is_answered() {
+    replay("xml", fuzz::xml);
+    replay("obj", fuzz::obj);
+    replay("ply", fuzz::ply);
+    replay("image", fuzz::image);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    replay("scene", |bytes| fuzz::scene(bytes, folder.path()));
+}
+
+/// Writes the seeds anew: `cargo test --release --test laws seeds_are_written -- --ignored`.
+#[test]
+#[ignore = "writes into the source tree"]
+fn seeds_are_written() {
+    let put = |target: &str, name: &str, bytes: &[u8]| {
+        std::fs::create_dir_all(folder("seeds", target)).expect("a folder");
+        std::fs::write(folder("seeds", target).join(name), bytes).expect("written");
+    };
+    let square = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0.5\n";
+    let rich_obj =
+        format!("# c\n{square}vt 0 0\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/1/1\nf -1 -2 -3\ng a\nf 1//1 2//1 3//1 4//1\n");
+    put("obj", "rich", rich_obj.as_bytes());
+    for (name, line) in [("zero", "f 1 2 0"), ("large", "f 1 2 99999999999999999999"), ("nan", "v nan 0 0"), ("short", "f 1 2")] {
+        put("obj", name, format!("{square}{line}\n").as_bytes());
+    }
+    let ply_head = |format: &str, n: &str| {
+        format!(
+            "ply\nformat {format} 1.0\ncomment c\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty float s\nproperty float t\nelement face 1\nproperty list uchar int vertex_indices\n\
+             property short flags\nelement other 1\nproperty list uint double data\nend_header\n"
+        )
+    };
+    let rows = "0 0 0 7 0 0\n1 0 0 7 1 0\n0 1 0.5 7 0 0.25\n3 0 1 2 -1\n1 9\n";
+    put("ply", "ascii", format!("{}{rows}", ply_head("ascii", "3")).as_bytes());
+    put("ply", "many", format!("{}{rows}", ply_head("ascii", "4000000000")).as_bytes());
+    for big in [false, true] {
+        let mut file = ply_head(if big { "binary_big_endian" } else { "binary_little_endian" }, "3").into_bytes();
+        let mut item = |bytes: &[u8]| {
+            let mut bytes = bytes.to_vec();
+            if big {
+                bytes.reverse();
+            }
+            file.extend(bytes);
+        };
+        for v in [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]] {
+            v.iter().for_each(|x| item(&x.to_le_bytes()));
+            item(&[7]);
+            [0.5_f32, 0.25].iter().for_each(|x| item(&x.to_le_bytes()));
+        }
+        item(&[3]);
+        [0_i32, 1, 2].iter().for_each(|i| item(&i.to_le_bytes()));
+        item(&(-1_i16).to_le_bytes());
+        item(&1_u32.to_le_bytes());
+        item(&9.0_f64.to_le_bytes());
+        put("ply", if big { "big" } else { "little" }, &file);
+        put("ply", if big { "big-cut" } else { "little-cut" }, &file[..file.len() - 9]);
+    }
+    let scene = rich_scene();
+    put("xml", "rich", scene.replace("<include filename='part.xml'/>", "").as_bytes());
+    put("xml", "include", scene.as_bytes());
+    put("xml", "laughs", b"<!DOCTYPE s [<!ENTITY a 'ha'><!ENTITY b '&a;&a;&a;'>]><scene version='3.0.0'>&b;</scene>");
+    put("xml", "deep", format!("{}{}", "<bsdf type='twosided'>".repeat(300), "</bsdf>".repeat(300)).as_bytes());
+    put("xml", "old", b"<scene version='0.6.0'><shape type='sphere'><transform name='toWorld'><lookAt origin='1,2,3' target='0,0,0' up='0,1,0'/></transform></shape></scene>");
+    let ascii_ply = format!("{}{rows}", ply_head("ascii", "3"));
+    let part = "<scene version='3.0.0'><shape type='cube'><bsdf type='dielectric'/></shape><alias id='a' as='b'/></scene>";
+    let files = [("part.xml", part), ("m.obj", &rich_obj), ("m.ply", &ascii_ply)];
+    let archive: String = files.iter().map(|(name, text)| format!("\n{}{name}\n{text}", fuzz::DIVIDER)).collect();
+    put("scene", "rich", format!("{scene}{archive}").as_bytes());
+    put("scene", "alone", scene.as_bytes());
+    images(|name, bytes| put("image", name, bytes));
+}
+
+fn rich_scene() -> String {
+    "<scene version='3.0.0'><default name='r' value='0.5'/><include filename='part.xml'/>
+<sensor type='perspective'><float name='fov' value='40'/><transform name='to_world'><lookat origin='0,0,-5' target='0,0,0'
+up='0,1,0'/></transform><sampler type='independent'><integer name='sample_count' value='4'/></sampler><film type='hdrfilm'>
+<integer name='width' value='8'/><integer name='height' value='4'/><rfilter type='box'/></film></sensor>
+<integrator type='path'><integer name='max_depth' value='5'/></integrator>
+<bsdf type='twosided' id='a'><bsdf type='roughplastic'><float name='alpha' value='0.2'/></bsdf></bsdf>
+<shape type='obj'><string name='filename' value='m.obj'/><ref id='a'/></shape>
+<shape type='ply'><string name='filename' value='m.ply'/><emitter type='area'><rgb name='radiance' value='1 2 3'/></emitter></shape>
+<shape type='sphere'><point name='center' x='1' y='$r' z='2'/><transform name='to_world'><rotate y='1' angle='30'/>
+<scale value='2'/></transform><bsdf type='conductor'><rgb name='eta' value='1'/></bsdf></shape>
+<shape type='disk'><transform name='to_world'><matrix value='1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1'/></transform><bsdf type='diffuse'>
+<texture type='checkerboard' name='reflectance'><rgb name='color0' value='0.1'/><transform name='to_uv'><scale x='4' y='4'/>
+</transform></texture></bsdf></shape><shape type='rectangle'/><shape type='cube'><boolean name='flip_normals' value='true'/>
+<bsdf type='dielectric'><float name='int_ior' value='1.5'/></bsdf></shape>
+<emitter type='constant'><spectrum name='radiance' value='0.5'/></emitter>
+<emitter type='point'><point name='position' x='0' y='3' z='0'/></emitter></scene>"
+        .to_owned()
+}
+
+fn images(put: impl Fn(&str, &[u8])) {
+    use exr::prelude::Compression;
+    use image::{DynamicImage, ImageFormat};
+    let colour = DynamicImage::from(image::RgbImage::from_fn(9, 7, |x, y| image::Rgb([x as u8 * 20, y as u8 * 30, 77])));
+    let encoded = |image: &DynamicImage, format| {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).expect("encodes");
+        bytes.into_inner()
+    };
+    put("rgb.png", &encoded(&colour, ImageFormat::Png));
+    put("grey.png", &encoded(&colour.to_luma8().into(), ImageFormat::Png));
+    put("rgba16.png", &encoded(&colour.to_rgba16().into(), ImageFormat::Png));
+    put("rgb.jpg", &encoded(&colour, ImageFormat::Jpeg));
+    put("grey.jpg", &encoded(&colour.to_luma8().into(), ImageFormat::Jpeg));
+    put("flat.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x80\x40\x20\x81");
+    put("runs.hdr", b"#?RADIANCE\n\n-Y 1 +X 8\n\x02\x02\x00\x08\x88\x80\x88\x40\x88\x20\x88\x81");
+    let claim = png(&[header(8_000_000, 4_000_000_000), (b"IEND", Vec::new())]);
+    put("claim.png", &claim);
+    let text = (b"zTXt", [b"Comment\0\0".as_slice(), &deflated(&[0; 10_000])].concat());
+    put("text.png", &png(&[header(2, 2), text, (b"IDAT", deflated(&[0; 14])), (b"IEND", Vec::new())]));
+    let all = [
+        ("none.exr", Compression::Uncompressed),
+        ("rle.exr", Compression::RLE),
+        ("zip1.exr", Compression::ZIP1),
+        ("zip16.exr", Compression::ZIP16),
+        ("piz.exr", Compression::PIZ),
+        ("pxr24.exr", Compression::PXR24),
+        ("b44.exr", Compression::B44),
+        ("b44a.exr", Compression::B44A),
+    ];
+    for (name, compression) in all {
+        put(name, &exr(compression, 0.5));
+    }
+    put("nan.exr", &exr(Compression::ZIP16, f32::NAN));
+}
