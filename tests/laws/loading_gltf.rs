@@ -197,7 +197,7 @@ fn false_extents_and_trees_are_refused() {
         ("{\"mesh\":0}", "{\"mesh\":0,\"children\":[0]}", ""),
         ("{\"mesh\":0}", "{\"mesh\":7}", ""),
         (";base64,", ";base99,", "base64"),
-        ("\"POSITION\":0", "\"POSITION\":1", "3 numbers"),
+        ("\"TEXCOORD_0\":1", "\"TEXCOORD_0\":0", "2 numbers"),
         ("[{}]", "[{\"emissiveFactor\":[2,0,0]}]", "from 0 to 1"),
     ] {
         assert!(good.contains(from), "{from}");
