@@ -236,8 +236,8 @@ impl<'a> Loader<'a> {
             None => None,
             Some(name) if name.value == "none" => None,
             Some(name) => {
-                let known: Vec<_> = ior::METALS.iter().map(|m| m.0).chain(["none"]).collect();
-                let expected = || format!("one of {}, or given by eta and k", known.join(", "));
+                let near = near(name.value, ior::METALS.iter().map(|m| m.0)).join(", ");
+                let expected = || format!("one of Ag, Al, Au, Cr, Cu, W, ..., none (nearest: {near}), or given by eta and k");
                 Some(ior::metal(name.value).ok_or_else(|| name.must_be("material", &expected()))?)
             }
         };

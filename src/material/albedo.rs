@@ -12,7 +12,7 @@ const AZIMUTHS: usize = 9;
 /// Nodes over the roughness, for lobes whose roughness is a texture.
 const ROUGHNESSES: usize = 16;
 /// Points along each coordinate of the normals.
-const POINTS: usize = 32;
+const POINTS: usize = 48;
 
 /// Values that each table holds side by side, for instance the colour channels.
 pub const CHANNELS: usize = 3;

@@ -360,6 +360,11 @@ impl Material {
         }
     }
 
+    /// Factor on radiance that goes straight through towards `wo`: what a shadow ray finds.
+    pub fn straight_transmittance(&self, wo: Vec3, uv: Vec2) -> Rgb {
+        self.lobes(wo, uv).iter().filter(|lobe| lobe.goes_straight(wo)).map(|lobe| lobe.weight).sum()
+    }
+
     /// True if light passes through the surface, or the sides differ: the frame is not mirrored for a viewer below.
     pub fn is_transmissive(&self) -> bool {
         match self {

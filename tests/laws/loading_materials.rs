@@ -182,6 +182,47 @@ fn masks_use_the_luminance_of_the_colours_and_drop_alpha() {
 }
 
 #[test]
+fn faulty_materials_are_refused_where_they_stand() {
+    let part = "<bsdf type='diffuse'/>";
+    let glass = "<bsdf type='dielectric'/>";
+    let cases = [
+        (format!("<bsdf type='blendbsdf'>{part}{part}</bsdf>"), "\"weight\""),
+        (format!("<bsdf type='blendbsdf'><float name='weight' value='0.5'/>{part}</bsdf>"), "it has 1"),
+        (format!("<bsdf type='blendbsdf'><float name='weight' value='1.5'/>{part}{part}</bsdf>"), "from 0 to 1"),
+        (
+            format!(
+                "<bsdf type='blendbsdf'><float name='weight' value='0.5'/>{glass}<bsdf type='blendbsdf'>
+                 <float name='weight' value='0.5'/>{glass}{glass}</bsdf></bsdf>"
+            ),
+            "more than two smooth dielectrics",
+        ),
+        ("<bsdf type='roughconductor'><float name='alpha_u' value='0.1'/></bsdf>".to_owned(), "\"alpha_v\""),
+        (
+            "<bsdf type='roughdielectric'><float name='alpha' value='0.1'/><float name='alpha_u' value='0.1'/></bsdf>".to_owned(),
+            "left out beside \"alpha\"",
+        ),
+        ("<bsdf type='roughconductor'><rgb name='alpha' value='0'/></bsdf>".to_owned(), "above 0"),
+        ("<bsdf type='roughplastic'><texture name='alpha' type='checkerboard'/></bsdf>".to_owned(), "a number"),
+        (
+            "<bsdf type='roughplastic'><float name='int_ior' value='1.2'/><float name='ext_ior' value='1.2'/></bsdf>".to_owned(),
+            "other than \"ext_ior\"",
+        ),
+        (
+            "<bsdf type='principled'><float name='eta' value='1.5'/><float name='specular' value='0.5'/></bsdf>".to_owned(),
+            "left out beside \"eta\"",
+        ),
+        ("<bsdf type='principled'><float name='metallic' value='2'/></bsdf>".to_owned(), "from 0 to 1"),
+        (format!("<bsdf type='bumpmap'><texture type='checkerboard'/>{part}</bsdf>"), "a bitmap"),
+        (format!("<bsdf type='normalmap'>{part}</bsdf>"), "\"normalmap\""),
+        (format!("<bsdf type='twosided'><bsdf type='mask'>{part}</bsdf></bsdf>"), "opaque"),
+    ];
+    for (body, expected) in cases {
+        let fault = Fixture::new(&body).load().expect_err(&body);
+        assert!(fault.at.is_some() && fault.to_string().contains(expected), "{body}: {fault}, expected {expected}");
+    }
+}
+
+#[test]
 fn lights_are_where_the_file_says() {
     let body = "<emitter type='point'><point name='position' x='1' y='2' z='3'/><rgb name='intensity' value='4'/></emitter>
         <emitter type='point'><transform name='to_world'><translate x='5'/></transform></emitter>

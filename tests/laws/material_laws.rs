@@ -385,6 +385,7 @@ fn a_blend_shows_its_second_part_by_the_weight() {
     let masked = material(&format!("<bsdf type='mask'><float name='opacity' value='0.5'/>{xml}</bsdf>"));
     let lobes = masked.lobes(Vec3::new(0.6, 0.0, 0.8), UV);
     assert_eq!(lobes.iter().filter(|l| l.transmits).count(), 3);
+    assert_eq!(masked.straight_transmittance(Vec3::new(0.6, 0.0, 0.8), UV), Rgb::grey(0.5));
     let power: f64 = lobes.iter().map(|l| l.power).sum();
     assert!((power - 1.0).abs() < 1e-12, "{power}");
 }
