@@ -47,22 +47,15 @@ pub struct Parameters {
 impl Parameters {
     /// A base of one colour, roughness and share of metal, as glTF describes it; the rest at its defaults.
     pub fn of_base(base_color: Texture, roughness: Texture, metallic: Texture, eta: f64) -> Self {
-        let none = || Texture::BLACK;
-        Self {
-            base_color,
-            roughness,
-            metallic,
-            anisotropic: none(),
-            spec_trans: none(),
-            spec_tint: none(),
-            sheen: none(),
-            sheen_tint: none(),
-            flatness: none(),
-            clearcoat: none(),
-            clearcoat_gloss: none(),
-            eta,
-            rates: [1.0; 3],
-        }
+        let [anisotropic, spec_trans, spec_tint, sheen] = [const { Texture::BLACK }; 4];
+        let [sheen_tint, flatness, clearcoat, clearcoat_gloss] = [const { Texture::BLACK }; 4];
+        let rates = [1.0; 3];
+        #[rustfmt::skip]
+        let parts = Self {
+            base_color, roughness, metallic, anisotropic, spec_trans, spec_tint, sheen, sheen_tint, flatness, clearcoat,
+            clearcoat_gloss, eta, rates,
+        };
+        parts
     }
 }
 

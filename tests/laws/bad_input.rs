@@ -151,7 +151,7 @@ fn unknown_names_list_the_near_ones() {
         ("<shape type='sphear'/>", "<shape", "known: sphere"),
         ("<bsdf type='difuse'/>", "<bsdf", "known: diffuse"),
         ("<bsdf type='hair'/>", "<bsdf", "roughplastic"),
-        ("<emitter type='constantly'/>", "<emitter", "constant"),
+        ("<emitter type='constnt'/>", "<emitter", "constant"),
         ("<shap type='cube'/>", "<shap", "known: shape"),
         ("<shape type='sphere'><float name='raduis' value='1'/></shape>", "<float", "known: radius"),
         ("<shape type='cube'><floaf name='x' value='1'/></shape>", "<floaf", "known: float"),
