@@ -120,7 +120,8 @@ impl Microfacet {
             return self.mean(v, points, f);
         }
         let stretched = self.stretched(v);
-        let (nodes, weights) = gauss_legendre(points);
+        // More rings than spokes: where mirrored light reaches the horizon, the mean has a crease along a ring.
+        let (nodes, weights) = gauss_legendre(2 * points);
         let mut sums = [0.0; N];
         for (x, weight) in nodes.iter().zip(weights) {
             // The radius as a sine: normals depend on the height above the disk, which then has no root at the rim.
