@@ -365,6 +365,18 @@ impl Material {
         self.lobes(wo, uv).iter().filter(|lobe| lobe.goes_straight(wo)).map(|lobe| lobe.weight).sum()
     }
 
+    /// True if a turn of the surface about its normal may change what it does.
+    pub fn is_anisotropic(&self) -> bool {
+        match self {
+            Material::RoughConductor(metal) => metal.is_anisotropic(),
+            Material::RoughDielectric(glass) => glass.is_anisotropic(),
+            Material::Principled(principled) => principled.is_anisotropic(),
+            Material::Mask { inner, .. } | Material::TwoSided(inner) => inner.is_anisotropic(),
+            Material::Blend { parts, .. } => parts.iter().any(Material::is_anisotropic),
+            _ => false,
+        }
+    }
+
     /// True if light passes through the surface, or the sides differ: the frame is not mirrored for a viewer below.
     pub fn is_transmissive(&self) -> bool {
         match self {

@@ -51,11 +51,10 @@ impl Parameters {
         let [sheen_tint, flatness, clearcoat, clearcoat_gloss] = [const { Texture::BLACK }; 4];
         let rates = [1.0; 3];
         #[rustfmt::skip]
-        let parts = Self {
+        return Self {
             base_color, roughness, metallic, anisotropic, spec_trans, spec_tint, sheen, sheen_tint, flatness, clearcoat,
             clearcoat_gloss, eta, rates,
         };
-        parts
     }
 }
 
@@ -166,6 +165,11 @@ impl Principled {
     /// True if some of the light is reflected diffusely.
     pub fn has_diffuse(&self) -> bool {
         self.is.metallic.min_scalar() < 1.0 && self.is.spec_trans.min_scalar() < 1.0
+    }
+
+    /// True if the roughness may depend on the direction along the surface.
+    pub fn is_anisotropic(&self) -> bool {
+        self.is.anisotropic.max_scalar() > 0.0
     }
 
     /// True if some light is refracted.
