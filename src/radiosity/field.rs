@@ -36,6 +36,13 @@ impl RadiosityField {
         })
     }
 
+    /// True if the surface point, a distance `si.t` from where the ray started, is nearer than its patch is wide: seen from there the
+    /// patch fills so much of the hemisphere that its mean irradiance will not do for it.
+    #[inline]
+    pub fn is_near(&self, si: &SurfaceInteraction) -> bool {
+        self.patches.patch_at(si).is_some_and(|id| f64::from(si.t) * f64::from(si.t) < self.patches.area[id.0 as usize])
+    }
+
     /// Radiance [W/(m² sr)] that a diffuse surface of reflectance `rho` reflects under irradiance `h`: (B - E)/pi = rho H/pi.
     #[inline]
     pub fn reflected_radiance(rho: Rgb, h: Rgb) -> Rgb {
