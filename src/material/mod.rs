@@ -8,6 +8,7 @@
 mod albedo;
 pub mod fresnel;
 pub mod microfacet;
+pub mod parameters;
 pub mod plastic;
 pub mod principled;
 mod relief;
