@@ -103,10 +103,13 @@ impl TwoPass<'_> {
                     && depth + through + 3 <= limit
                 {
                     let rho = shading.diffuse_reflectance();
-                    if levels > 0 && near.is_none() && !rho.is_black() && field.is_near(at) {
-                        near = Some((*at, throughput, through));
-                    } else {
-                        reflected += RadiosityField::reflected_radiance(throughput * rho, field.irradiance(at));
+                    if !rho.is_black() {
+                        let stored = field.at(at);
+                        if levels > 0 && near.is_none() && stored.is_near {
+                            near = Some((*at, throughput, through));
+                        } else {
+                            reflected += RadiosityField::reflected_radiance(throughput * rho, stored.irradiance);
+                        }
                     }
                 }
             }

@@ -10,6 +10,9 @@ const SMALL_STEP: f64 = 0.3;
 /// Share of a map's mean irradiance that every receiver is taken to get at least, when lights are chosen.
 const LEAST_IMPORTANCE: f64 = 0.05;
 
+/// Columns of a map that are looked through at once: four lines of a cache in each of two rows.
+const BLOCK: usize = 32;
+
 /// Light from infinitely far away, all around.
 #[derive(Debug, Clone)]
 pub enum Environment {
@@ -34,6 +37,8 @@ pub struct Map {
     vector: DVec3,
     /// Running sum over the columns of each row of the luminance integrated between neighbouring columns, one column wide.
     running: Vec<f64>,
+    /// The last running sum of each block of [`BLOCK`] columns, row by row: small enough to stay in the cache.
+    blocks: Vec<f64>,
     /// Running sum of the luminance integrated over the bands between rows [sr times columns].
     bands: Vec<f64>,
 }
@@ -145,7 +150,9 @@ impl Map {
         }
         let mean = sum * (scale / width as f64);
         let vector = to_scene * vector * (scale * 4.0 * PI / width as f64);
-        Self { width, height, texels, scale, to_scene, mean, vector, running, bands }
+        let ends = |row: &[f64]| row.chunks(BLOCK).map(|block| block[block.len() - 1]).collect::<Vec<_>>();
+        let blocks = running.chunks(width).flat_map(ends).collect();
+        Self { width, height, texels, scale, to_scene, mean, vector, running, blocks, bands }
     }
 
     /// Where `direction` lies between the texels.
@@ -191,12 +198,10 @@ impl Map {
 
         let at = |column: usize| mix(top[column], bottom[column]);
         let target = f64::from(u.x) * at(self.width - 1);
-        let (mut low, mut high) = (0, self.width - 1);
-        while low < high {
-            let middle = (low + high) / 2;
-            if at(middle) <= target { low = middle + 1 } else { high = middle }
-        }
-        let column = low;
+        let n_blocks = self.width.div_ceil(BLOCK);
+        let blocks = &self.blocks[row * n_blocks..(row + 2) * n_blocks];
+        let block = first_above(0, n_blocks - 1, target, |b| mix(blocks[b], blocks[n_blocks + b]));
+        let column = first_above(block * BLOCK, (block * BLOCK + BLOCK).min(self.width) - 1, target, at);
         let rest = target - if column == 0 { 0.0 } else { at(column - 1) };
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let [left, right] = [column, next].map(|c| mix(self.luminance(row, c), self.luminance(row + 1, c)));
@@ -215,6 +220,16 @@ impl Map {
     fn luminance(&self, row: usize, column: usize) -> f64 {
         Rgb::from(self.texels[row * self.width + column]).luminance()
     }
+}
+
+/// The first of `low..=high` whose value is above `target`, values rising; `high` if none is.
+#[inline]
+fn first_above(mut low: usize, mut high: usize, target: f64, value: impl Fn(usize) -> f64) -> usize {
+    while low < high {
+        let middle = (low + high) / 2;
+        if value(middle) <= target { low = middle + 1 } else { high = middle }
+    }
+    low
 }
 
 /// Direction in the map's axes: `theta` from +y, `phi` from -z towards +x.
