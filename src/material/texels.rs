@@ -83,3 +83,30 @@ impl FromIterator<[f32; 3]> for Texels {
         values.into_iter().collect::<Vec<_>>().into()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_read_as_their_values() {
+        let values = std::array::from_fn(|code| (code * code) as f32);
+        let texels = Texels::of_codes(vec![0, 1, 255, 7, 8, 9], values);
+        let want = [[0.0, 1.0, 65_025.0], [49.0, 64.0, 81.0]];
+        assert_eq!((texels.len(), texels.at(1)), (2, want[1]));
+        assert_eq!(texels.iter().collect::<Vec<_>>(), want);
+        // Values without codes say the same.
+        let plain: Texels = want.into_iter().collect();
+        assert_eq!((plain.len(), plain.is_empty()), (2, false));
+        assert_eq!(plain.iter().collect::<Vec<_>>(), want);
+    }
+
+    #[test]
+    fn clones_share_their_texels() {
+        let of_codes = || Texels::of_codes(vec![1, 2, 3], [0.5; 256]);
+        let of_values = || Texels::from(vec![[0.5; 3]]);
+        for (a, b) in [(of_codes(), of_codes()), (of_values(), of_values()), (of_codes(), of_values())] {
+            assert!(a.is_shared_with(&a.clone()) && !a.is_shared_with(&b));
+        }
+    }
+}
