@@ -1,8 +1,8 @@
 //! What surrounds the scene: the same radiance from everywhere, or an image of the whole sphere.
 
+use crate::material::texture::Texels;
 use crate::math::{DMat3, DVec3, Rgb, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
-use std::sync::Arc;
 
 /// Largest step between rows below which sines of small angles are summed as a series.
 const SMALL_STEP: f64 = 0.3;
@@ -28,7 +28,7 @@ pub enum Environment {
 pub struct Map {
     width: usize,
     height: usize,
-    texels: Arc<[[f32; 3]]>,
+    texels: Texels,
     scale: f64,
     /// From the map's own axes to the scene's: a rotation, perhaps mirrored.
     to_scene: DMat3,
@@ -54,7 +54,7 @@ struct Place {
 impl Environment {
     /// A map of `width` x `height` (at least 2 x 3) linear texels in rows from the zenith, each 0 or more and finite, times `scale`;
     /// `to_scene` is orthogonal.
-    pub fn map(width: usize, height: usize, texels: Arc<[[f32; 3]]>, scale: f64, to_scene: DMat3) -> Self {
+    pub fn map(width: usize, height: usize, texels: Texels, scale: f64, to_scene: DMat3) -> Self {
         Environment::Map(Map::new(width, height, texels, scale, to_scene))
     }
 
@@ -115,9 +115,9 @@ impl Environment {
 }
 
 impl Map {
-    fn new(width: usize, height: usize, texels: Arc<[[f32; 3]]>, scale: f64, to_scene: DMat3) -> Self {
+    fn new(width: usize, height: usize, texels: Texels, scale: f64, to_scene: DMat3) -> Self {
         assert!(width >= 2 && height >= 3 && texels.len() == width * height, "a map of at least 2 x 3 texels");
-        let luminance = |row: usize, column: usize| Rgb::from(texels[row * width + column % width]).luminance();
+        let luminance = |row: usize, column: usize| Rgb::from(texels.at(row * width + column % width)).luminance();
         let mut running = Vec::with_capacity(width * height);
         for row in 0..height {
             let mut sum = 0.0;
@@ -140,7 +140,7 @@ impl Map {
             let theta = step * row as f64;
             let mut row_sum = Rgb::BLACK;
             for column in 0..width {
-                let radiance = Rgb::from(texels[row * width + column]);
+                let radiance = Rgb::from(texels.at(row * width + column));
                 row_sum += radiance;
                 let phi = column_width * (column as f64 + 0.5);
                 // Coarse within a texel, which a rough importance may be.
@@ -174,7 +174,7 @@ impl Map {
     fn radiance(&self, direction: Vec3) -> Rgb {
         let Place { column, row, x, y } = self.place(direction);
         let next = if column + 1 == self.width { 0 } else { column + 1 };
-        let texel = |row: usize, column: usize| Rgb::from(self.texels[row * self.width + column]);
+        let texel = |row: usize, column: usize| Rgb::from(self.texels.at(row * self.width + column));
         let along = |row: usize| texel(row, column) * (1.0 - x) + texel(row, next) * x;
         (along(row) * (1.0 - y) + along(row + 1) * y) * self.scale
     }
@@ -218,7 +218,7 @@ impl Map {
 
     #[inline]
     fn luminance(&self, row: usize, column: usize) -> f64 {
-        Rgb::from(self.texels[row * self.width + column]).luminance()
+        Rgb::from(self.texels.at(row * self.width + column)).luminance()
     }
 }
 

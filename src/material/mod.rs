@@ -16,6 +16,7 @@ mod rough_conductor;
 mod rough_dielectric;
 mod sampling;
 pub mod specular;
+mod texels;
 pub mod texture;
 
 pub use microfacet::Distribution;

@@ -258,7 +258,7 @@ fn place(shape: ShapeSource, is_opaque: bool, origin: DVec3, dropped_triangles: 
             ShapeSurface::Mesh(Mesh { positions, normals, uvs: t.uvs, triangles })
         }
     };
-    let is_black = matches!(&shape.emission, Texture::Bitmap(b) if b.texels.iter().all(|t| *t == [0.0; 3]));
+    let is_black = matches!(&shape.emission, Texture::Bitmap(b) if b.texels.iter().all(|t| t == [0.0; 3]));
     let emission = if is_black { Texture::Constant(Rgb::BLACK) } else { shape.emission };
     Shape { id: shape.id, surface, material: shape.material, emission }
 }
