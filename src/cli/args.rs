@@ -174,7 +174,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
     pub cpu_time: Option<f64>,
     /// Stop when the predicted error (relMSE) is reached
-    #[arg(long, value_name = "RELMSE", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "RELMSE", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "When to stop (the first to be met)")]
     pub error: Option<f64>,
     /// Method of pass two; table by --list-methods
     #[arg(long, value_name = "M", default_value = "two-pass", value_parser = parse_method, help_heading = "Pass two")]

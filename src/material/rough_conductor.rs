@@ -33,7 +33,7 @@ pub(super) fn differ([u, v]: &[Texture; 2]) -> bool {
     match (u, v) {
         (Texture::Constant(u), Texture::Constant(v)) => u != v,
         // The reader gives one texture twice where the file has only one.
-        (Texture::Bitmap(u), Texture::Bitmap(v)) => !std::sync::Arc::ptr_eq(&u.texels, &v.texels),
+        (Texture::Bitmap(u), Texture::Bitmap(v)) => !u.texels.is_shared_with(&v.texels),
         _ => true,
     }
 }

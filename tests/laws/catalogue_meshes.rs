@@ -123,7 +123,8 @@ fn c13_ply_indices_that_do_not_exist() {
 fn c13_one_face_thousands_of_times_takes_no_longer() {
     let one = binary_ply("3", "21845", 3, 2);
     let face = one[one.len() - 13..].repeat(21_844);
-    assert_eq!(triangles(&ply([one, face].concat())), 21_845);
+    // Copies are dropped, and told.
+    assert_eq!(triangles(&ply([one, face].concat())), 1);
 }
 
 #[test]

@@ -3,7 +3,6 @@
 use crate::support::{Room, quick};
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
-use std::sync::Arc;
 use twopass::accel::AccelKind;
 use twopass::integrator::{IntegratorSettings, ReadOut};
 use twopass::light::Environment;
@@ -123,7 +122,7 @@ fn sky() -> Environment {
         let (x, y) = (i % width, i / width);
         [if (14..18).contains(&x) && (5..7).contains(&y) { 50.0 } else { 0.3 }; 3]
     };
-    Environment::map(width, height, (0..width * height).map(texel).collect::<Arc<[_]>>(), 1.0, DMat3::IDENTITY)
+    Environment::map(width, height, (0..width * height).map(texel).collect(), 1.0, DMat3::IDENTITY)
 }
 
 #[test]
