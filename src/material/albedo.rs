@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Nodes over the cosine, denser towards grazing angles.
-const COSINES: usize = 48;
+const COSINES: usize = 96;
 /// Nodes over the azimuth from 0 to a right angle, for anisotropic lobes.
-const AZIMUTHS: usize = 9;
+const AZIMUTHS: usize = 17;
 /// Nodes over the roughness, for lobes whose roughness is a texture.
 const ROUGHNESSES: usize = 16;
 /// Points along each coordinate of the normals.
@@ -28,7 +28,7 @@ pub enum Range {
 
 /// Directional albedo of a lobe over cosine and roughness or azimuth.
 ///
-/// Exact to about 1e-3 for a fixed roughness; for a textured one to about 1e-2, since its nodes are wider apart and both
+/// Exact to about 1e-3 for a fixed roughness, 2e-3 for an anisotropic one; for a textured one to about 1e-2, since its nodes are wider apart and both
 /// roughnesses of an anisotropic one are replaced by their geometric mean.
 #[derive(Debug, Clone)]
 pub struct AlbedoTable {

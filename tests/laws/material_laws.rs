@@ -224,8 +224,9 @@ fn tables_of_albedo_are_what_the_samplers_find() {
                 sum += material.sample_glossy(wo, UV, u, choice).map_or(Rgb::BLACK, |s| s.weight);
             }
             let (got, want) = (material.glossy_albedo(wo, UV), sum / f64::from(n));
-            // Interpolation over the azimuth, and the n² inside glass, ask for more.
-            let tolerance = if name.contains("aniso") || wo.z < 0.0 || name.contains("principled") { 1e-2 } else { 1.5e-3 };
+            // Across a boundary the albedo may hold n² and exceed 1; a stretched lobe is the hardest to integrate.
+            let whole = if wo.z < 0.0 { 2.25 } else { want.max().max(1.0) };
+            let tolerance = whole * if name.contains("aniso") { 2e-3 } else { 1e-3 };
             let error = (got - want).map(f64::abs).max();
             assert!(error < tolerance, "{name} at {wo}: table {got:?}, samples {want:?}");
         }
