@@ -22,10 +22,17 @@ fn replay(target: &str, read: impl Fn(&[u8]) -> bool) {
     let (mut accepted, mut bytes) = (0, 0);
     let inputs = inputs(target);
     for (path, input) in &inputs {
-        let start = Instant::now();
-        accepted += usize::from(read(input));
+        let timed = || {
+            let start = Instant::now();
+            (read(input), start.elapsed())
+        };
+        // Other work may run beside this: an input that is slow by itself is slow each time.
+        let tries = [timed(), timed(), timed()];
+        let least = tries.iter().map(|t| t.1).min().expect("three");
+        assert!(least < Duration::from_secs(1), "{} took {least:?}", path.display());
+        assert!(tries.iter().all(|t| t.0 == tries[0].0), "{} is accepted now and then", path.display());
+        accepted += usize::from(tries[0].0);
         bytes += input.len();
-        assert!(start.elapsed() < Duration::from_secs(1), "{} took {:?}", path.display(), start.elapsed());
     }
     // Seeds that are all refused, or all accepted, would lead a fuzzer nowhere.
     assert!(accepted > 0 && accepted < inputs.len(), "{target}: {accepted} of {} accepted", inputs.len());
