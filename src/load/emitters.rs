@@ -147,17 +147,17 @@ impl<'a> Loader<'a> {
     }
 
     fn light_value(&mut self, emitter: &Object, property: &'a Property) -> Result<Rgb, LoadError> {
+        if let Some(samples) = self.spectrum_of(property)? {
+            let (colour, beyond) = spectrum::light(&samples);
+            if beyond {
+                let what = format!("{}: its {} lies beyond the sRGB gamut and is clipped", emitter.describe(), property.name);
+                self.warnings.push(what);
+            }
+            return Ok(colour);
+        }
         match &property.value {
             Value::Rgb(value) => Ok(*value),
             Value::Uniform(value) => Ok(spectrum::EQUAL_ENERGY * *value),
-            Value::Spectrum(samples) => {
-                let (colour, beyond) = spectrum::light(samples);
-                if beyond {
-                    let what = format!("{}: its {} lies beyond the sRGB gamut and is clipped", emitter.describe(), property.name);
-                    self.warnings.push(what);
-                }
-                Ok(colour)
-            }
             _ => {
                 let texture = self.texture_of(property).ok_or_else(|| property.must_be("an rgb, a spectrum or a texture"))?;
                 let what = format!("a textured {} of {}", property.name, emitter.describe());

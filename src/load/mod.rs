@@ -33,6 +33,7 @@ mod scan;
 mod sensor;
 mod serialized;
 mod shapes;
+mod spectra;
 mod spectrum;
 mod textures;
 mod transform;

@@ -20,9 +20,11 @@ impl Class {
     pub const BSDF: Class = Class("bsdf");
     pub const TEXTURE: Class = Class("texture");
     pub const EMITTER: Class = Class("emitter");
+    /// A spectrum by a model; one by its value is no object.
+    pub const SPECTRUM: Class = Class("spectrum");
 
     /// All elements that are objects.
-    pub const ALL: [Class; 12] = [
+    pub const ALL: [Class; 13] = [
         Self::SCENE,
         Self::INTEGRATOR,
         Self::SENSOR,
@@ -33,6 +35,7 @@ impl Class {
         Self::BSDF,
         Self::TEXTURE,
         Self::EMITTER,
+        Self::SPECTRUM,
         Class("medium"),
         Class("phase"),
     ];

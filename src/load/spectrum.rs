@@ -6,8 +6,8 @@ use crate::math::Rgb;
 pub(super) const EQUAL_ENERGY: Rgb = srgb([1.0, 1.0, 1.0]);
 
 /// Shortest and longest wavelength of the table, and its step [nm].
-const SHORTEST: f64 = 360.0;
-const LONGEST: f64 = 830.0;
+pub(super) const SHORTEST: f64 = 360.0;
+pub(super) const LONGEST: f64 = 830.0;
 const STEP: f64 = 5.0;
 
 /// Integral of the table's second column over wavelength [nm], by its interpolation: what makes Y = 1 of a spectrum of 1.

@@ -91,6 +91,9 @@ impl<'a> Loader<'a> {
         purpose: Use,
     ) -> Result<Texture, LoadError> {
         let Some(property) = object.get(name) else { return Ok(Texture::grey(default)) };
+        if let Some(samples) = self.spectrum_of(property)? {
+            return Ok(Texture::Constant(self.spectral_reflectance(&samples)));
+        }
         let value = match &property.value {
             Value::Rgb(value) => *value,
             // As a reflectance, a spectrum that is the same at all wavelengths is grey.

@@ -197,7 +197,8 @@ impl Reader<'_> {
 
     fn element(&mut self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<Vec<Property>, LoadError> {
         let name = node.tag_name().name();
-        if name == "scene" || (!VALUE_TAGS.contains(&name) && Class::ALL.iter().any(|c| c.0 == name)) {
+        let by_value = VALUE_TAGS.contains(&name) && !(name == Class::SPECTRUM.0 && node.has_attribute("type"));
+        if !by_value && Class::ALL.iter().any(|c| c.0 == name) {
             self.object(node, source, depth + 1).map(|object| vec![object])
         } else {
             self.plain_element(node, source, depth)
@@ -363,12 +364,6 @@ fn value(tag: &mut Tag) -> Result<Value, LoadError> {
     }
     if tag.name == "spectrum" && tag.attributes.iter().any(|(n, _)| n == "filename") {
         return Err(tag.place.error(LoadErrorKind::Unsupported { what: "a spectrum from a file".to_owned() }));
-    }
-    if tag.name == "spectrum"
-        && let Some(plugin) = tag.optional("type")
-    {
-        let what = format!("a spectrum of type \"{}\"", short(&plugin.value));
-        return Err(plugin.place.error(LoadErrorKind::Unsupported { what }));
     }
     let text = tag.needed("value")?;
     match tag.name.as_str() {

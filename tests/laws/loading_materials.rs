@@ -256,13 +256,51 @@ fn spots_and_suns_are_read_and_what_cannot_be_rendered_is_told() {
         ("<emitter type='spot'><float name='beam_width' value='30'/></emitter>", "from 0 to the cut-off angle of 20"),
         ("<emitter type='directional'><vector name='direction' x='0' y='0' z='0'/></emitter>", "a vector with a length"),
         ("<emitter type='point'><spectrum name='intensity' value='500:1, 400:2'/></emitter>", "growing wavelengths"),
-        ("<emitter type='point'><spectrum name='intensity' type='blackbody'/></emitter>", "blackbody"),
+        ("<emitter type='point'><spectrum name='intensity' type='blackbody'/></emitter>", "temperature"),
         ("<shape type='rectangle'><emitter type='directionalarea'/></shape>", "along its normal"),
         ("<emitter type='spot'><transform name='to_world'><scale x='2'/></transform></emitter>", "stretches or shears"),
     ] {
         let told = Fixture::new(body).load().expect_err(body).to_string();
         assert!(told.contains(wanted) && told.contains(".xml:"), "{body}: {told}");
     }
+}
+
+#[test]
+fn spectra_by_model_are_reduced_to_colours() {
+    let intensity = |spectrum: &str| {
+        let scene = scene(&format!("<emitter type='point'>{spectrum}</emitter>"));
+        let twopass::light::Light::Point(light) = &scene.lights[0] else { panic!("a point") };
+        light.intensity
+    };
+    // CIE standard illuminant A is a black body of 2856 K: x = 0.44757, y = 0.40745. Its luminance over that of 5712 K follows from
+    // Planck's law near 560 nm to some percent.
+    let body = |t: f64| {
+        intensity(&format!("<spectrum name='intensity' type='blackbody'><float name='temperature' value='{t}'/></spectrum>"))
+    };
+    let c = body(2856.0);
+    let xyz = [
+        0.412_453 * c.r + 0.357_580 * c.g + 0.180_423 * c.b,
+        0.212_671 * c.r + 0.715_160 * c.g + 0.072_169 * c.b,
+        0.019_334 * c.r + 0.119_193 * c.g + 0.950_227 * c.b,
+    ];
+    let sum: f64 = xyz.iter().sum();
+    assert!((xyz[0] / sum - 0.447_57).abs() < 3e-4 && (xyz[1] / sum - 0.407_45).abs() < 3e-4, "{xyz:?}");
+    // 2 h c²/lambda⁵/(exp(h c/(lambda k T)) - 1) at 560 nm and 5712 K: 2.4345e4 W/(m² sr nm); the eye's mean lies within 2 %.
+    let y = body(5712.0).luminance();
+    assert!((y / 2.4345e4 - 1.0).abs() < 0.02, "{y}");
+    let by_value = intensity("<spectrum name='intensity' value='400:1, 500:3, 600:2'/>");
+    for same in [
+        "<spectrum name='intensity' type='regular'><float name='wavelength_min' value='400'/><float name='wavelength_max' value='600'/>
+         <string name='values' value='1, 3, 2'/></spectrum>",
+        "<spectrum name='intensity' type='irregular'><string name='wavelengths' value='400, 500, 600'/>
+         <string name='values' value='1, 3, 2'/></spectrum>",
+    ] {
+        assert_eq!(intensity(same), by_value, "{same}");
+    }
+    let grey =
+        scene("<shape type='sphere'><bsdf type='diffuse'><spectrum name='reflectance' value='300:.4, 900:.4'/></bsdf></shape>");
+    let rho = grey.materials[0].material.diffuse_reflectance(Vec2::ZERO);
+    assert!((rho - Rgb::grey(0.4)).map(f64::abs).max() < 1e-3, "{rho:?}");
 }
 
 #[test]
