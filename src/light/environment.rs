@@ -19,7 +19,7 @@ pub enum Environment {
     /// The same radiance [W/(m² sr)] from everywhere.
     Uniform(Rgb),
     /// An image of the sphere.
-    Map(Map),
+    Map(Box<Map>),
 }
 
 /// An image of the sphere by longitude and latitude, with Mitsuba's conventions: up is +y, the middle column lies at +z. Columns
@@ -55,7 +55,7 @@ impl Environment {
     /// A map of `width` x `height` (at least 2 x 3) linear texels in rows from the zenith, each 0 or more and finite, times `scale`;
     /// `to_scene` is orthogonal.
     pub fn map(width: usize, height: usize, texels: Texels, scale: f64, to_scene: DMat3) -> Self {
-        Environment::Map(Map::new(width, height, texels, scale, to_scene))
+        Environment::Map(Box::new(Map::new(width, height, texels, scale, to_scene)))
     }
 
     /// Radiance [W/(m² sr)] that arrives from the unit vector `direction`, in scene coordinates.
