@@ -1,4 +1,4 @@
-//! How long scenes take to load (files to `Scene`, no tree) and what memory that takes at its peak.
+//! How long scenes take to load (files to `Scene`, no tree) and what memory that takes at its peak, beside what the scene keeps.
 //!
 //! `cargo bench --bench load -- [--into FOLDER] [SCENE...]` measures a generated scene of 175 OBJ files, 385,700 triangles and 13
 //! textures, or the scenes named; with `--into` both, and the generated scene is kept, so that other renderers can be timed on it.
@@ -6,11 +6,13 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use twopass::load::{LoadedScene, load_scene};
-use twopass::material::{Material, Texture};
+use twopass::load::load_scene;
 use twopass::math::sampler::mix;
 use twopass::run_report::peak_memory_bytes;
-use twopass::scene::ShapeSurface;
+
+/// Counts what is allocated.
+#[global_allocator]
+static HEAP: cap::Cap<std::alloc::System> = cap::Cap::new(std::alloc::System, usize::MAX);
 
 /// Loads of each scene, of which the median is printed.
 const RUNS: usize = 5;
@@ -51,46 +53,29 @@ fn main() {
 fn measure(path: &Path) {
     let mut seconds = Vec::new();
     let mut last = None;
+    let mut before = 0;
     for _ in 0..RUNS {
         // The scene before must not be in memory any more.
         drop(last.take());
+        before = HEAP.allocated();
         let start = Instant::now();
         last = Some(load_scene(path, &Default::default()).unwrap_or_else(|error| panic!("{error}")));
         seconds.push(start.elapsed().as_secs_f64());
     }
     seconds.sort_by(f64::total_cmp);
+    let kept = HEAP.allocated() - before;
     let loaded = last.expect("loaded at least once");
-    let own = bytes(&loaded) as f64 / 1e6;
-    let peak = peak_memory_bytes() as f64 / 1e6;
+    let megabytes = |bytes: usize| bytes as f64 / 1e6;
     println!(
-        "{}: {} triangles, median {:.3} s (fastest {:.3}), scene {own:.0} MB, peak of the program so far {peak:.0} MB",
+        "{}: {} triangles, median {:.3} s (fastest {:.3}), scene {:.1} MB; peak of the program so far {:.1} MB allocated, {:.1} MB resident",
         path.display(),
         loaded.scene.n_triangles(),
         seconds[RUNS / 2],
         seconds[0],
+        megabytes(kept),
+        megabytes(HEAP.max_allocated()),
+        megabytes(peak_memory_bytes() as usize),
     );
-}
-
-/// Bytes of the arrays of a scene: vertices, triangles, texels.
-fn bytes(loaded: &LoadedScene) -> usize {
-    let mesh = |surface: &ShapeSurface| match surface {
-        ShapeSurface::Mesh(m) => 12 * (m.positions.len() + m.normals.len() + m.triangles.len()) + 8 * m.uvs.len(),
-        ShapeSurface::Sphere(_) => 16,
-    };
-    let mut texels: Vec<(*const [f32; 3], usize)> = loaded
-        .scene
-        .materials
-        .iter()
-        .filter_map(|surface| match &surface.material {
-            Material::Diffuse { reflectance: Texture::Bitmap(bitmap) } => {
-                Some((bitmap.texels.as_ptr(), 12 * bitmap.texels.len()))
-            }
-            _ => None,
-        })
-        .collect();
-    texels.sort();
-    texels.dedup();
-    loaded.scene.shapes.iter().map(|s| mesh(&s.surface)).sum::<usize>() + texels.iter().map(|t| t.1).sum::<usize>()
 }
 
 /// Writes the scene: bumpy sheets in rows, in the layout of public interior scenes (`v`, `vt`, `vn`, faces `a/b/c`).

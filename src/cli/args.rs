@@ -4,7 +4,8 @@
 //! [`Args::not_delivered`]: it is never ignored.
 
 use super::values::{
-    Crop, Define, Depth, Size, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
+    Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
+    parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -33,11 +34,11 @@ const EXIT_CODES: &str = "Exit codes: 0 done; 1 internal fault; 2 usage; 3 input
 /// Flags of all subcommands.
 #[derive(Debug, clap::Args)]
 pub struct Common {
-    /// Threads that work; 0: one per core
-    #[arg(long, global = true, value_name = "N", default_value_t = 0, help_heading = "Common options")]
+    /// Threads that work, at most eight per core; 0: one per core
+    #[arg(long, global = true, value_name = "N", default_value_t = 0, value_parser = parse_whole::<usize>, allow_negative_numbers = true, help_heading = "Common options")]
     pub threads: usize,
     /// Seed of all random numbers
-    #[arg(long, global = true, value_name = "N", default_value_t = 0, help_heading = "Common options")]
+    #[arg(long, global = true, value_name = "N", default_value_t = 0, value_parser = parse_whole::<u64>, allow_negative_numbers = true, help_heading = "Common options")]
     pub seed: u64,
     /// Say nothing but errors
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Common options")]
@@ -122,19 +123,19 @@ pub struct SceneArgs {
 #[derive(Debug, clap::Args)]
 pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
-    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, help_heading = "Pass one")]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
     /// How form factors are computed: ray-cast
     #[arg(long, value_name = "METHOD", default_value = "ray-cast", help_heading = "Pass one")]
     pub form_factors: String,
     /// Standard error allowed to a form factor
-    #[arg(long, value_name = "T", value_parser = parse_positive, help_heading = "Pass one")]
+    #[arg(long, value_name = "T", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "Pass one")]
     pub tolerance: Option<f64>,
     /// How the radiosity system is solved: gauss-seidel
     #[arg(long, value_name = "METHOD", default_value = "gauss-seidel", help_heading = "Pass one")]
     pub solver: String,
     /// Bound on the relative error of the solution
-    #[arg(long, value_name = "T", value_parser = parse_positive, help_heading = "Pass one")]
+    #[arg(long, value_name = "T", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "Pass one")]
     pub solver_tolerance: Option<f64>,
 }
 
@@ -148,7 +149,7 @@ pub struct PassTwoArgs {
     #[arg(long, value_name = "N", value_parser = parse_depth, allow_negative_numbers = true, help_heading = "Pass two")]
     pub max_depth: Option<Depth>,
     /// Gather rays per sample
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Pass two")]
+    #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Pass two")]
     pub gather_rays: Option<u32>,
 }
 
@@ -164,16 +165,16 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub source: SceneArgs,
     /// Stop after N samples per pixel
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
     pub spp: Option<u32>,
     /// Stop after S seconds on the clock, from the end of loading
-    #[arg(long, value_name = "S", value_parser = parse_positive, help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
     pub time: Option<f64>,
     /// Stop after S seconds of processor time (user and system), from the end of loading
-    #[arg(long, value_name = "S", value_parser = parse_positive, help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
     pub cpu_time: Option<f64>,
     /// Stop when the predicted error (relMSE) is reached
-    #[arg(long, value_name = "RELMSE", value_parser = parse_positive, help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "RELMSE", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
     pub error: Option<f64>,
     /// Method of pass two; table by --list-methods
     #[arg(long, value_name = "M", default_value = "two-pass", value_parser = parse_method, help_heading = "Pass two")]
@@ -186,10 +187,10 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub pass_one: PassOneArgs,
     /// Size of the picture in pixels; default: the scene's
-    #[arg(long, value_name = "WxH")]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
     pub size: Option<Size>,
     /// Render only this part: left, top, width, height in pixels
-    #[arg(long, value_name = "X,Y,W,H", value_parser = parse_crop)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = parse_crop, allow_hyphen_values = true)]
     pub crop: Option<Crop>,
     /// Exposure of the PNG in stops: +1 doubles
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = parse_finite, allow_negative_numbers = true)]
@@ -198,7 +199,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "OPERATOR", default_value = "soft")]
     pub tone_map: ToneMapName,
     /// Write the image so far every S seconds
-    #[arg(long, value_name = "S", value_parser = parse_positive)]
+    #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true)]
     pub partial_every: Option<f64>,
     /// Not delivered yet
     #[arg(long, hide = true)]
@@ -245,7 +246,7 @@ pub struct InfoArgs {
     #[command(flatten)]
     pub source: SceneArgs,
     /// Edge length of a patch in scene units
-    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_negative_numbers = true)]
     pub patch_size: Option<f64>,
     /// As one JSON object
     #[arg(long)]
@@ -269,10 +270,10 @@ pub struct ProbeArgs {
     #[arg(long)]
     pub radiance: bool,
     /// Luminous efficacy [lm/W] of the illuminance column
-    #[arg(long, value_name = "K", default_value_t = 179.0, value_parser = parse_positive)]
+    #[arg(long, value_name = "K", default_value_t = 179.0, value_parser = parse_positive, allow_negative_numbers = true)]
     pub efficacy: f64,
     /// Samples per point
-    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = parse_count::<u64>, allow_negative_numbers = true)]
     pub samples: u64,
     #[command(flatten)]
     pub pass_two: PassTwoArgs,
@@ -373,6 +374,36 @@ mod tests {
     fn common_flags_may_follow_the_subcommand() {
         let args = Args::try_parse_from(["twopass", "render", "a.xml", "--seed", "7", "--threads=2", "-q"]).unwrap();
         assert_eq!((args.common.seed, args.common.threads, args.common.quiet), (7, 2, true));
+    }
+
+    /// A value below 0 is a value, not an unknown flag: the message names the flag and what it takes.
+    #[test]
+    fn values_below_their_range_are_refused_by_their_flag() {
+        for (line, flag, expected) in [
+            ("render a.xml --spp -3", "--spp", "1 or more"),
+            ("render a.xml --gather-rays -1", "--gather-rays", "1 or more"),
+            ("render a.xml --threads -1", "--threads", "0 or more"),
+            ("render a.xml --seed -1", "--seed", "0 or more"),
+            ("render a.xml --time -1", "--time", "above 0"),
+            ("render a.xml --cpu-time -0.5", "--cpu-time", "above 0"),
+            ("render a.xml --error -1e-3", "--error", "above 0"),
+            ("render a.xml --patch-size -1", "--patch-size", "above 0"),
+            ("render a.xml --tolerance -1", "--tolerance", "above 0"),
+            ("render a.xml --solver-tolerance -1", "--solver-tolerance", "above 0"),
+            ("render a.xml --partial-every -1", "--partial-every", "above 0"),
+            ("render a.xml --size -5x3", "--size", "WxH"),
+            ("render a.xml --crop -1,2,3,4", "--crop", "X,Y,W,H"),
+            ("info a.xml --patch-size -1", "--patch-size", "above 0"),
+            ("probe a.xml --points p.csv --samples -4", "--samples", "1 or more"),
+            ("probe a.xml --points p.csv --efficacy -1", "--efficacy", "above 0"),
+        ] {
+            let words = std::iter::once("twopass").chain(line.split(' '));
+            let message = Args::try_parse_from(words).expect_err(line).to_string();
+            assert!(
+                message.contains("invalid value") && message.contains(flag) && message.contains(expected),
+                "{line}: {message}"
+            );
+        }
     }
 
     #[test]

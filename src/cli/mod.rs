@@ -17,8 +17,8 @@ use exit::Failure;
 use std::process::ExitCode;
 use twopass::accel::AccelError;
 
-/// More threads than this are never started.
-const MOST_THREADS: usize = 1024;
+/// More threads than this for each processor are never started: they would only cost the time to start them.
+const MOST_THREADS_PER_PROCESSOR: usize = 8;
 
 /// Parses the command line, runs it, reports a failure once, and gives the exit code.
 pub fn main() -> ExitCode {
@@ -61,6 +61,7 @@ fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn start_threads(threads: usize) -> Result<(), Failure> {
-    let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MOST_THREADS));
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MOST_THREADS_PER_PROCESSOR * processors));
     builder.build_global().map_err(|error| Failure::Limit(format!("cannot start {threads} threads: {error}")))
 }

@@ -66,6 +66,17 @@ pub fn parse_depth(text: &str) -> Result<Depth, String> {
     }
 }
 
+/// Parses a whole number of 0 or more.
+pub fn parse_whole<T: FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| format!("expected a whole number of 0 or more, of {} bits at most", 8 * size_of::<T>()))
+}
+
+/// Parses a whole number of 1 or more.
+pub fn parse_count<T: FromStr + PartialEq + Default>(text: &str) -> Result<T, String> {
+    let count = text.parse().ok().filter(|n| *n != T::default());
+    count.ok_or_else(|| format!("expected a whole number of 1 or more, of {} bits at most", 8 * size_of::<T>()))
+}
+
 /// Parses a finite number above 0.
 pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())

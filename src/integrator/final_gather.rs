@@ -1,6 +1,7 @@
 //! Final gather: cosine-distributed rays from a diffuse hit read the radiosity of what they meet.
 //!
-//! The patches are then seen only through an integral over the hemisphere, which hides them. Light is counted once: a gather ray
+//! The patches are then seen only through an integral over the hemisphere, which hides them; except one that fills much of it, as in
+//! a corner, where its mean would show as a seam: what is nearer than its own size is looked at afresh. Light is counted once: a gather ray
 //! does not count the emission of a lamp that shadow rays find, unless it came there by a mirror or was bent by glass, where no shadow
 //! ray goes.
 
@@ -10,11 +11,15 @@ use super::{
 };
 use crate::film::Quantity;
 use crate::geometry::Ray;
+use crate::material::Scattering;
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
 use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::{Event, RayCounts};
-use crate::world::{Shading, Sight, SurfaceInteraction};
+use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
+
+/// How often in a row a gather ray that ends too near is continued, before it reads a patch all the same.
+const NEAR_LEVELS: u32 = 4;
 
 impl TwoPass<'_> {
     /// Gather rays at a diffuse part of reflectance `rho` that the camera sees with weight `weight`: a faint one needs fewer.
@@ -71,6 +76,20 @@ impl TwoPass<'_> {
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> (Rgb, Rgb) {
+        self.gathered_within(ray, sight, depth, NEAR_LEVELS, sampler, counts)
+    }
+
+    /// As [`Self::gathered`], where surfaces too near to be seen as patches are looked at afresh, `levels` times in a row at most.
+    fn gathered_within(
+        &self,
+        ray: Ray,
+        sight: Sight,
+        depth: u32,
+        levels: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> (Rgb, Rgb) {
+        let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
@@ -84,7 +103,14 @@ impl TwoPass<'_> {
                     && depth + through + 3 <= limit
                 {
                     let rho = shading.diffuse_reflectance();
-                    reflected += RadiosityField::reflected_radiance(throughput * rho, field.irradiance(at));
+                    if !rho.is_black() {
+                        let stored = field.at(at);
+                        if levels > 0 && near.is_none() && stored.is_near {
+                            near = Some((*at, throughput, through));
+                        } else {
+                            reflected += RadiosityField::reflected_radiance(throughput * rho, stored.irradiance);
+                        }
+                    }
                 }
             }
             Event::Lit { radiance, through } => {
@@ -97,7 +123,32 @@ impl TwoPass<'_> {
             }
             Event::Truncated { .. } => {}
         });
+        if let Some((si, throughput, through)) = near {
+            reflected += throughput * self.near(&si, depth + through + 1, levels - 1, sampler, counts);
+        }
         (reflected, emitted)
+    }
+
+    /// Radiance that the diffuse part at `si` reflects, by one shadow ray and one gather ray.
+    fn near(&self, si: &SurfaceInteraction, depth: u32, levels: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
+        let shading = self.world.shading(si);
+        let respond = |ray: &ShadowRay| {
+            let share = ray.share_beside_gather_rays(1.0, ray.direction.dot(shading.normal()));
+            Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
+        };
+        let direct = self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        let local = warp::cosine_hemisphere(sampler.next_2d());
+        let direction = Frame::new(shading.normal()).to_world(local);
+        let response = shading.eval(direction).diffuse;
+        if response.is_black() {
+            return direct;
+        }
+        let density = cosine_density(1.0, local.z);
+        let sampling = Shading::IN_PASSING;
+        let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling };
+        counts.gather += 1;
+        let (a, b) = self.gathered_within(si.spawn(direction), Sight::Gather(origin), depth, levels, sampler, counts);
+        direct + response / density * (a + b)
     }
 }
 

@@ -130,7 +130,7 @@ impl TwoPass<'_> {
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(weight_rho, h);
         let mut read_out = self.settings.read_out;
         if let Some(field) = self.field.filter(|_| shading.has_diffuse()) {
-            let stored = field.irradiance(si);
+            let stored = field.at(si).irradiance;
             *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
             *trace.sample.layer(Quantity::Irradiance) += stored;
             if read_out == ReadOut::Stored && depth + 2 <= limit {

@@ -1,14 +1,17 @@
 //! What surrounds the scene: the same radiance from everywhere, or an image of the whole sphere.
 
+use crate::material::texture::Texels;
 use crate::math::{DMat3, DVec3, Rgb, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
-use std::sync::Arc;
 
 /// Largest step between rows below which sines of small angles are summed as a series.
 const SMALL_STEP: f64 = 0.3;
 
 /// Share of a map's mean irradiance that every receiver is taken to get at least, when lights are chosen.
 const LEAST_IMPORTANCE: f64 = 0.05;
+
+/// Columns of a map that are looked through at once: four lines of a cache in each of two rows.
+const BLOCK: usize = 32;
 
 /// Light from infinitely far away, all around.
 #[derive(Debug, Clone)]
@@ -25,7 +28,7 @@ pub enum Environment {
 pub struct Map {
     width: usize,
     height: usize,
-    texels: Arc<[[f32; 3]]>,
+    texels: Texels,
     scale: f64,
     /// From the map's own axes to the scene's: a rotation, perhaps mirrored.
     to_scene: DMat3,
@@ -34,6 +37,8 @@ pub struct Map {
     vector: DVec3,
     /// Running sum over the columns of each row of the luminance integrated between neighbouring columns, one column wide.
     running: Vec<f64>,
+    /// The last running sum of each block of [`BLOCK`] columns, row by row: small enough to stay in the cache.
+    blocks: Vec<f64>,
     /// Running sum of the luminance integrated over the bands between rows [sr times columns].
     bands: Vec<f64>,
 }
@@ -49,7 +54,7 @@ struct Place {
 impl Environment {
     /// A map of `width` x `height` (at least 2 x 3) linear texels in rows from the zenith, each 0 or more and finite, times `scale`;
     /// `to_scene` is orthogonal.
-    pub fn map(width: usize, height: usize, texels: Arc<[[f32; 3]]>, scale: f64, to_scene: DMat3) -> Self {
+    pub fn map(width: usize, height: usize, texels: Texels, scale: f64, to_scene: DMat3) -> Self {
         Environment::Map(Map::new(width, height, texels, scale, to_scene))
     }
 
@@ -110,9 +115,9 @@ impl Environment {
 }
 
 impl Map {
-    fn new(width: usize, height: usize, texels: Arc<[[f32; 3]]>, scale: f64, to_scene: DMat3) -> Self {
+    fn new(width: usize, height: usize, texels: Texels, scale: f64, to_scene: DMat3) -> Self {
         assert!(width >= 2 && height >= 3 && texels.len() == width * height, "a map of at least 2 x 3 texels");
-        let luminance = |row: usize, column: usize| Rgb::from(texels[row * width + column % width]).luminance();
+        let luminance = |row: usize, column: usize| Rgb::from(texels.at(row * width + column % width)).luminance();
         let mut running = Vec::with_capacity(width * height);
         for row in 0..height {
             let mut sum = 0.0;
@@ -135,7 +140,7 @@ impl Map {
             let theta = step * row as f64;
             let mut row_sum = Rgb::BLACK;
             for column in 0..width {
-                let radiance = Rgb::from(texels[row * width + column]);
+                let radiance = Rgb::from(texels.at(row * width + column));
                 row_sum += radiance;
                 let phi = column_width * (column as f64 + 0.5);
                 // Coarse within a texel, which a rough importance may be.
@@ -145,7 +150,9 @@ impl Map {
         }
         let mean = sum * (scale / width as f64);
         let vector = to_scene * vector * (scale * 4.0 * PI / width as f64);
-        Self { width, height, texels, scale, to_scene, mean, vector, running, bands }
+        let ends = |row: &[f64]| row.chunks(BLOCK).map(|block| block[block.len() - 1]).collect::<Vec<_>>();
+        let blocks = running.chunks(width).flat_map(ends).collect();
+        Self { width, height, texels, scale, to_scene, mean, vector, running, blocks, bands }
     }
 
     /// Where `direction` lies between the texels.
@@ -167,7 +174,7 @@ impl Map {
     fn radiance(&self, direction: Vec3) -> Rgb {
         let Place { column, row, x, y } = self.place(direction);
         let next = if column + 1 == self.width { 0 } else { column + 1 };
-        let texel = |row: usize, column: usize| Rgb::from(self.texels[row * self.width + column]);
+        let texel = |row: usize, column: usize| Rgb::from(self.texels.at(row * self.width + column));
         let along = |row: usize| texel(row, column) * (1.0 - x) + texel(row, next) * x;
         (along(row) * (1.0 - y) + along(row + 1) * y) * self.scale
     }
@@ -191,12 +198,10 @@ impl Map {
 
         let at = |column: usize| mix(top[column], bottom[column]);
         let target = f64::from(u.x) * at(self.width - 1);
-        let (mut low, mut high) = (0, self.width - 1);
-        while low < high {
-            let middle = (low + high) / 2;
-            if at(middle) <= target { low = middle + 1 } else { high = middle }
-        }
-        let column = low;
+        let n_blocks = self.width.div_ceil(BLOCK);
+        let blocks = &self.blocks[row * n_blocks..(row + 2) * n_blocks];
+        let block = first_above(0, n_blocks - 1, target, |b| mix(blocks[b], blocks[n_blocks + b]));
+        let column = first_above(block * BLOCK, (block * BLOCK + BLOCK).min(self.width) - 1, target, at);
         let rest = target - if column == 0 { 0.0 } else { at(column - 1) };
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let [left, right] = [column, next].map(|c| mix(self.luminance(row, c), self.luminance(row + 1, c)));
@@ -213,8 +218,18 @@ impl Map {
 
     #[inline]
     fn luminance(&self, row: usize, column: usize) -> f64 {
-        Rgb::from(self.texels[row * self.width + column]).luminance()
+        Rgb::from(self.texels.at(row * self.width + column)).luminance()
     }
+}
+
+/// The first of `low..=high` whose value is above `target`, values rising; `high` if none is.
+#[inline]
+fn first_above(mut low: usize, mut high: usize, target: f64, value: impl Fn(usize) -> f64) -> usize {
+    while low < high {
+        let middle = (low + high) / 2;
+        if value(middle) <= target { low = middle + 1 } else { high = middle }
+    }
+    low
 }
 
 /// Direction in the map's axes: `theta` from +y, `phi` from -z towards +x.

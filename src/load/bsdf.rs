@@ -216,7 +216,15 @@ impl<'a> Loader<'a> {
                 differing(object, eta)?;
                 Ok(Material::RoughPlastic(Box::new(RoughPlastic::new(distribution, alpha, eta, base, tint))))
             }
-            "principled" => Ok(Material::Principled(Box::new(Principled::new(self.principled_parts(object)?)))),
+            "principled" => {
+                let principled = Principled::new(self.principled_parts(object)?);
+                let albedo = principled.largest_diffuse_albedo();
+                if albedo > 0.999 {
+                    let of = object.describe();
+                    self.warnings.push(format!("{of}: its diffuse part reflects {albedo:.3} of the light; pass one takes 0.999"));
+                }
+                Ok(Material::Principled(Box::new(principled)))
+            }
             "null" => Ok(Material::Null),
             _ => Err(unknown_plugin(object, &KNOWN)),
         }

@@ -8,7 +8,6 @@ use crate::light::Environment;
 use crate::material::Texture;
 use crate::math::{DAffine3, DMat3, DVec3, Rgb};
 use crate::scene::LightSource;
-use std::sync::Arc;
 
 /// Relative departure from equal and perpendicular axes that counts as rounding of the numbers in a file.
 const SAME_SHAPE: f64 = 1e-4;
@@ -118,7 +117,7 @@ impl<'a> Loader<'a> {
         let negative = picture.texels.iter().filter(|t| t.iter().any(|v| *v < 0.0)).count();
         if negative > 0 {
             self.warnings.push(format!("envmap: {negative} texels below 0 count as 0"));
-            picture.texels = picture.texels.iter().map(|t| t.map(|v| v.max(0.0))).collect::<Arc<_>>();
+            picture.texels = picture.texels.iter().map(|t| t.map(|v| v.max(0.0))).collect();
         }
         let map = Environment::map(picture.width, picture.height, picture.texels, scale, axes);
         self.surround(emitter, map)
@@ -131,9 +130,9 @@ impl<'a> Loader<'a> {
         };
         let texture = self.texture_object(object)?;
         if let Texture::Bitmap(bitmap) = &texture
-            && let Some(i) = bitmap.texels.iter().position(|t| !is_light((*t).into()))
+            && let Some(i) = bitmap.texels.iter().position(|t| !is_light(t.into()))
         {
-            let found = format!("{:?} at ({}, {})", bitmap.texels[i], i % bitmap.width, i / bitmap.width);
+            let found = format!("{:?} at ({}, {})", bitmap.texels.at(i), i % bitmap.width, i / bitmap.width);
             let (name, expected) = (name.to_owned(), NOT_LIGHT.to_owned());
             return Err(object.place.error(LoadErrorKind::Value { name, expected, found }));
         }

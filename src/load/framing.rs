@@ -43,7 +43,7 @@ impl Model {
             }
         };
         let has_light = !self.lights.is_empty() || self.shapes.iter().any(|s| !s.emission.mean().is_black());
-        let environment = (!has_light).then(|| Environment::Uniform(Rgb::WHITE));
+        let environment = (!has_light).then_some(Environment::Uniform(Rgb::WHITE));
         if !has_light {
             self.warnings.push("nothing in the model emits light: a uniform sky of radiance 1 surrounds it".to_owned());
         }

@@ -5,10 +5,10 @@
 use super::error::SourceText;
 use super::files::Files;
 use super::xml::Tree;
-use super::{Limits, LoadOptions, load_scene, obj, picture, ply};
+use super::{Limits, LoadOptions, load_scene, obj, picture, ply, serialized};
 use std::path::Path;
 
-/// Text between the files of [`scene`]: a line that begins so ends with the name of the file that follows.
+/// Text between the files of [`scene`] and [`model`]: a line that begins so ends with the name of the file that follows.
 pub const DIVIDER: &str = "==== ";
 
 /// Limits under which no input of some hundred kilobytes may take 256 MB.
@@ -46,19 +46,45 @@ pub fn ply(bytes: &[u8]) -> bool {
     ply::parse(bytes).is_ok()
 }
 
+/// The first two meshes of a file in Mitsuba's serialized format. True if one is accepted.
+pub fn serialized(bytes: &[u8]) -> bool {
+    (0..2).any(|index| serialized::parse(bytes, index, &LIMITS).is_ok())
+}
+
 /// An image of any kind. True if it is accepted.
 pub fn image(bytes: &[u8]) -> bool {
     picture::decode(bytes, Path::new("image"), false, &Files::nowhere(LIMITS)).is_ok()
 }
 
-/// A whole scene with its files, written to `folder`: the text of scene.xml, and after each [`DIVIDER`] another file. True if it is
-/// accepted.
+/// A whole scene in XML with its files, written to `folder`: the text of scene.xml, and after each [`DIVIDER`] another file. True
+/// if it is accepted.
 ///
 /// # Panics
 /// If `folder` cannot be written.
 pub fn scene(bytes: &[u8], folder: &Path) -> bool {
+    archive(bytes, folder, "scene.xml")
+}
+
+/// An OBJ as a whole scene with its libraries and images, written to `folder` as by [`scene`]. True if it is accepted.
+///
+/// # Panics
+/// If `folder` cannot be written.
+pub fn model(bytes: &[u8], folder: &Path) -> bool {
+    archive(bytes, folder, "model.obj")
+}
+
+/// A glTF in JSON or binary by itself, written to `folder`. True if it is accepted.
+///
+/// # Panics
+/// If `folder` cannot be written.
+pub fn gltf(bytes: &[u8], folder: &Path) -> bool {
+    std::fs::write(folder.join("model.gltf"), bytes).expect("the folder can be written");
+    loads(&folder.join("model.gltf"))
+}
+
+fn archive(bytes: &[u8], folder: &Path, main: &str) -> bool {
     let mut rest = bytes;
-    let mut name = Some("scene.xml".to_owned());
+    let mut name = Some(main.to_owned());
     let marker = format!("\n{DIVIDER}");
     while let Some(file) = name.take() {
         let end = rest.windows(marker.len()).position(|w| w == marker.as_bytes());
@@ -70,7 +96,11 @@ pub fn scene(bytes: &[u8], folder: &Path) -> bool {
         rest = tail.get(1..).unwrap_or_default();
         name = plain_name(head);
     }
-    load_scene(&folder.join("scene.xml"), &LoadOptions { limits: LIMITS, ..LoadOptions::default() }).is_ok()
+    loads(&folder.join(main))
+}
+
+fn loads(main: &Path) -> bool {
+    load_scene(main, &LoadOptions { limits: LIMITS, ..LoadOptions::default() }).is_ok()
 }
 
 /// A short file name without anything that leads out of a folder.

@@ -3,20 +3,20 @@
 use super::error::LoadErrorKind;
 use super::files::Files;
 use crate::film::guard::guarded;
+use crate::material::texture::Texels;
 use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, Vec2};
 use image::codecs::hdr::HdrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
-use std::sync::Arc;
 
 /// A decoded image: linear values, row 0 at the top.
 #[derive(Debug, Clone)]
 pub(super) struct Picture {
     pub width: usize,
     pub height: usize,
-    pub texels: Arc<[[f32; 3]]>,
+    pub texels: Texels,
 }
 
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
@@ -103,8 +103,7 @@ fn integer(bytes: &[u8], format: ImageFormat, pixels: u64, path: &Path, raw: boo
     let (width, height) = (image.width() as usize, image.height() as usize);
     let texels = match image {
         DynamicImage::ImageLuma8(_) | DynamicImage::ImageLumaA8(_) | DynamicImage::ImageRgb8(_) | DynamicImage::ImageRgba8(_) => {
-            let table: Vec<f32> = (0..=255_u8).map(|v| linear(f64::from(v) / 255.0, raw)).collect();
-            image.into_rgb8().pixels().map(|p| p.0.map(|v| table[usize::from(v)])).collect()
+            Texels::of_codes(image.into_rgb8().into_raw(), std::array::from_fn(|v| linear(v as f64 / 255.0, raw)))
         }
         _ => {
             let table: Vec<f32> = (0..=65_535_u16).map(|v| linear(f64::from(v) / 65_535.0, raw)).collect();

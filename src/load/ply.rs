@@ -323,7 +323,11 @@ impl Reader<'_> {
     }
 
     fn too_short(&self) -> MeshFault {
-        MeshFault::new(None, "more data", format!("the end of the file after {} bytes", self.bytes.len()))
+        let place = match self.format {
+            Format::Ascii => String::new(),
+            _ => format!(", {} bytes into an item that begins at byte {}", self.bytes.len() - self.at, self.at),
+        };
+        MeshFault::new(None, "more data", format!("the end of the file after {} bytes{place}", self.bytes.len()))
     }
 
     /// An error if anything but white space is left.
@@ -395,6 +399,18 @@ mod tests {
             }
             let longer = [&file[..], b" 1"].concat();
             assert!(parse(&longer).is_err());
+        }
+    }
+
+    #[test]
+    fn a_binary_file_that_ends_early_is_told_where() {
+        for big in [false, true] {
+            let file = binary(big);
+            // The last number has eight bytes, of which three are left.
+            let (length, last) = (file.len() - 5, file.len() - 8);
+            let message = parse(&file[..length]).expect_err("too short").kind.to_string();
+            let want = format!("after {length} bytes, 3 bytes into an item that begins at byte {last}");
+            assert!(message.contains(&want), "{message}, expected {want}");
         }
     }
 

@@ -165,6 +165,14 @@ mod tests {
         assert!(!beyond && (flat - EQUAL_ENERGY).map(f64::abs).max() < 5e-4, "{flat:?}");
     }
 
+    #[test]
+    fn a_spectrum_reaches_from_its_first_sample_to_its_last() {
+        let samples = [(400.0, 1.0), (500.0, 3.0)];
+        for (wavelength, want) in [(399.9, 0.0), (400.0, 1.0), (450.0, 2.0), (500.0, 3.0), (500.1, 0.0)] {
+            assert_eq!(interpolate(&samples, wavelength), want, "{wavelength} nm");
+        }
+    }
+
     /// Values that Mitsuba 3.9.1 (variant scalar_rgb) gives as the radiance of an area emitter.
     #[test]
     fn spectra_have_the_colours_that_mitsuba_gives_them() {

@@ -173,9 +173,9 @@ fn misfit(texture: &Texture, purpose: Use) -> Option<(&'static str, String)> {
     match texture {
         Texture::Constant(c) => purpose.check(*c).err().map(|expected| (expected, format!("rgb {}, {}, {}", c.r, c.g, c.b))),
         Texture::Bitmap(bitmap) => {
-            let faulty = |t: &[f32; 3]| purpose.check((*t).into()).err();
+            let faulty = |t: [f32; 3]| purpose.check(t.into()).err();
             let (i, expected) = bitmap.texels.iter().enumerate().find_map(|(i, t)| Some((i, faulty(t)?)))?;
-            Some((expected, format!("{:?} at ({}, {})", bitmap.texels[i], i % bitmap.width, i / bitmap.width)))
+            Some((expected, format!("{:?} at ({}, {})", bitmap.texels.at(i), i % bitmap.width, i / bitmap.width)))
         }
         Texture::Checkerboard(board) => board.colors.iter().find_map(|t| misfit(t, purpose)),
     }

@@ -220,10 +220,10 @@ fn texture(
     factor: Rgb,
 ) -> Result<Texture, LoadError> {
     let Picture { width, height, texels } = pictures[&described.resolve(map, files)?].clone();
-    let is_reflectance = |t: &[f32; 3]| t.iter().all(|v| (0.0..=1.0).contains(v));
+    let is_reflectance = |t: [f32; 3]| t.iter().all(|v| (0.0..=1.0).contains(v));
     if let Some(i) = texels.iter().position(|t| !is_reflectance(t)) {
         let expected = "texels with every channel from 0 to 1".to_owned();
-        let found = format!("{:?} at ({}, {}) of {}", texels[i], i % width, i / width, map.file);
+        let found = format!("{:?} at ({}, {}) of {}", texels.at(i), i % width, i / width, map.file);
         return Err(described.error(map.offset, LoadErrorKind::Malformed { expected, found }));
     }
     let [[su, sv], [ou, ov]] = [map.scale, map.shift].map(|v| v.map(|v| v as f32));

@@ -142,7 +142,20 @@ impl Reader<'_> {
         Ok(properties)
     }
 
+    /// An element of a class with all that it holds. `object`, `fill` and `element` call each other as deep as a file nests, so
+    /// what else takes room on the stack has functions of its own.
     fn object(&mut self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<Property, LoadError> {
+        let (name, mut object) = self.head(node, source)?;
+        self.fill(&mut object, node, source, depth)?;
+        if self.upgrade {
+            upgrade::object(&mut object);
+        }
+        let place = object.place.clone();
+        Ok(Property::new(name, Value::Object(object), place))
+    }
+
+    /// An object without its children, and the name under which it is a property.
+    fn head(&self, node: Node<'_, '_>, source: &Arc<SourceText>) -> Result<(String, Object), LoadError> {
         let mut tag = self.tag(node, source)?;
         let class = Class::ALL.into_iter().find(|c| c.0 == tag.name).ok_or_else(|| unknown_element(&tag))?;
         let plugin = if class == Class::SCENE {
@@ -153,47 +166,47 @@ impl Reader<'_> {
         };
         let id = tag.optional("id").map(|id| id.value);
         let name = tag.optional("name").map_or(String::new(), |n| self.property_name(n.value));
-        let place = tag.finish()?;
-        let mut object = Object::new(class, plugin, id, place.clone());
-        self.fill(&mut object, node, source, depth)?;
-        if self.upgrade {
-            upgrade::object(&mut object);
-        }
-        Ok(Property::new(name, Value::Object(object), place))
+        Ok((name, Object::new(class, plugin, id, tag.finish()?)))
     }
 
     /// Reads the child elements of `node` into `object`.
     fn fill(&mut self, object: &mut Object, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<(), LoadError> {
         let mut names: HashSet<String> = object.properties.iter().map(|p| p.name.clone()).collect();
         for child in node.children() {
-            let place = || Place { source: source.clone(), offset: child.range().start };
-            if child.is_text() && !child.text().unwrap_or_default().trim().is_empty() {
-                let found = format!("the text \"{}\"", short(child.text().unwrap_or_default().trim()));
-                return Err(place().error(LoadErrorKind::UnknownElement { found, near: Vec::new() }));
-            }
-            if !child.is_element() {
-                continue;
-            }
-            if depth >= self.files.limits.depth {
-                return Err(over_limit(&place(), "depth of nested elements", self.files.limits.depth));
-            }
-            for property in self.element(child, source, depth)? {
-                if !property.name.is_empty() && !names.insert(property.name.clone()) {
-                    let expected = format!("\"{}\" once in {}", property.name, object.describe());
-                    let found = "it again".to_owned();
-                    return Err(property.place.error(LoadErrorKind::Malformed { expected, found }));
-                }
-                object.properties.push(property);
+            if self.is_element(child, source, depth)? {
+                let properties = self.element(child, source, depth)?;
+                add(object, &mut names, properties)?;
             }
         }
         Ok(())
     }
 
+    /// False for comments and white space; an error for text, and for an element that lies too deep.
+    fn is_element(&self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<bool, LoadError> {
+        let place = || Place { source: source.clone(), offset: node.range().start };
+        let text = node.text().filter(|_| node.is_text()).unwrap_or_default().trim();
+        if !text.is_empty() {
+            let found = format!("the text \"{}\"", short(text));
+            return Err(place().error(LoadErrorKind::UnknownElement { found, near: Vec::new() }));
+        }
+        if node.is_element() && depth >= self.files.limits.depth {
+            return Err(over_limit(&place(), "depth of nested elements", self.files.limits.depth));
+        }
+        Ok(node.is_element())
+    }
+
     fn element(&mut self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<Vec<Property>, LoadError> {
         let name = node.tag_name().name();
         if name == "scene" || (!VALUE_TAGS.contains(&name) && Class::ALL.iter().any(|c| c.0 == name)) {
-            return Ok(vec![self.object(node, source, depth + 1)?]);
+            self.object(node, source, depth + 1).map(|object| vec![object])
+        } else {
+            self.plain_element(node, source, depth)
         }
+    }
+
+    /// An element that is no object.
+    fn plain_element(&mut self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<Vec<Property>, LoadError> {
+        let name = node.tag_name().name();
         let mut tag = self.tag(node, source)?;
         match name {
             "default" => {
@@ -274,6 +287,18 @@ impl Reader<'_> {
     fn property_name(&self, name: String) -> String {
         if self.upgrade { upgrade::snake_case(&name) } else { name }
     }
+}
+
+/// Adds properties to an object, each name once.
+fn add(object: &mut Object, names: &mut HashSet<String>, properties: Vec<Property>) -> Result<(), LoadError> {
+    for property in properties {
+        if !property.name.is_empty() && !names.insert(property.name.clone()) {
+            let (expected, found) = (format!("\"{}\" once in {}", property.name, object.describe()), "it again".to_owned());
+            return Err(property.place.error(LoadErrorKind::Malformed { expected, found }));
+        }
+        object.properties.push(property);
+    }
+    Ok(())
 }
 
 /// An element's attributes; each must be taken.

@@ -8,6 +8,7 @@
 mod albedo;
 pub mod fresnel;
 pub mod microfacet;
+pub mod parameters;
 pub mod plastic;
 pub mod principled;
 mod relief;
@@ -15,6 +16,7 @@ mod rough_conductor;
 mod rough_dielectric;
 mod sampling;
 pub mod specular;
+mod texels;
 pub mod texture;
 
 pub use microfacet::Distribution;
@@ -363,6 +365,18 @@ impl Material {
     /// Factor on radiance that goes straight through towards `wo`: what a shadow ray finds.
     pub fn straight_transmittance(&self, wo: Vec3, uv: Vec2) -> Rgb {
         self.lobes(wo, uv).iter().filter(|lobe| lobe.goes_straight(wo)).map(|lobe| lobe.weight).sum()
+    }
+
+    /// True if a turn of the surface about its normal may change what it does.
+    pub fn is_anisotropic(&self) -> bool {
+        match self {
+            Material::RoughConductor(metal) => metal.is_anisotropic(),
+            Material::RoughDielectric(glass) => glass.is_anisotropic(),
+            Material::Principled(principled) => principled.is_anisotropic(),
+            Material::Mask { inner, .. } | Material::TwoSided(inner) => inner.is_anisotropic(),
+            Material::Blend { parts, .. } => parts.iter().any(Material::is_anisotropic),
+            _ => false,
+        }
     }
 
     /// True if light passes through the surface, or the sides differ: the frame is not mirrored for a viewer below.

@@ -7,57 +7,12 @@
 use super::albedo::{AlbedoTable, Range, gauss_legendre};
 use super::fresnel;
 use super::microfacet::{Distribution, Microfacet, reflected};
+pub use super::parameters::Parameters;
 use super::rough_dielectric::shares;
 use super::texture::{Texture, luminance};
 use crate::math::{DVec2, DVec3, Rgb, Vec2};
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 use std::sync::{Arc, LazyLock};
-
-/// Parameters as a scene gives them; all textures are in [0, 1].
-#[derive(Debug, Clone)]
-pub struct Parameters {
-    /// Colour of the base.
-    pub base_color: Texture,
-    /// Square root of the roughness alpha.
-    pub roughness: Texture,
-    /// Stretch of the highlight along the first tangent.
-    pub anisotropic: Texture,
-    /// Share of metal.
-    pub metallic: Texture,
-    /// Share of the rest that refracts.
-    pub spec_trans: Texture,
-    /// Share of the dielectric reflection that takes the hue of the base.
-    pub spec_tint: Texture,
-    /// Weight of the sheen at grazing angles.
-    pub sheen: Texture,
-    /// Share of the sheen that takes the hue of the base.
-    pub sheen_tint: Texture,
-    /// Share of the diffuse part that is flattened.
-    pub flatness: Texture,
-    /// Weight of the clearcoat.
-    pub clearcoat: Texture,
-    /// 0: clearcoat of roughness 0.1; 1: of 0.001.
-    pub clearcoat_gloss: Texture,
-    /// Index inside over index outside.
-    pub eta: f64,
-    /// How often a path tracer draws from the diffuse part, the clearcoat and the main lobes.
-    pub rates: [f64; 3],
-}
-
-impl Parameters {
-    /// A base of one colour, roughness and share of metal, as glTF describes it; the rest at its defaults.
-    pub fn of_base(base_color: Texture, roughness: Texture, metallic: Texture, eta: f64) -> Self {
-        let [anisotropic, spec_trans, spec_tint, sheen] = [const { Texture::BLACK }; 4];
-        let [sheen_tint, flatness, clearcoat, clearcoat_gloss] = [const { Texture::BLACK }; 4];
-        let rates = [1.0; 3];
-        #[rustfmt::skip]
-        let parts = Self {
-            base_color, roughness, metallic, anisotropic, spec_trans, spec_tint, sheen, sheen_tint, flatness, clearcoat,
-            clearcoat_gloss, eta, rates,
-        };
-        parts
-    }
-}
 
 /// A `principled` material.
 #[derive(Debug, Clone)]
@@ -166,6 +121,11 @@ impl Principled {
     /// True if some of the light is reflected diffusely.
     pub fn has_diffuse(&self) -> bool {
         self.is.metallic.min_scalar() < 1.0 && self.is.spec_trans.min_scalar() < 1.0
+    }
+
+    /// True if the roughness may depend on the direction along the surface.
+    pub fn is_anisotropic(&self) -> bool {
+        self.is.anisotropic.max_scalar() > 0.0
     }
 
     /// True if some light is refracted.
@@ -347,6 +307,14 @@ impl Principled {
     /// Mean of [`Self::diffuse_toward`] over a cosine-weighted hemisphere; below 1, where sheen would reach it.
     pub fn diffuse_albedo(&self, uv: Vec2) -> Rgb {
         self.diffuse_albedo_by(&DIFFUSE.mean, uv).map(|v| v.min(0.999))
+    }
+
+    /// Largest share of a uniform light that the diffuse part would send back at the brightest place of its base, were
+    /// [`Self::diffuse_albedo`] not cut: sheen and retro-reflection may take it beyond 1.
+    pub fn largest_diffuse_albedo(&self) -> f64 {
+        let base_color = Texture::Constant(self.is.base_color.max());
+        let brightest = Self { is: Parameters { base_color, ..self.is.clone() }, ..self.clone() };
+        brightest.diffuse_albedo_by(&DIFFUSE.mean, Vec2::ZERO).max()
     }
 
     fn diffuse_albedo_by(&self, terms: &Terms, uv: Vec2) -> Rgb {

@@ -28,6 +28,16 @@ pub(super) fn range_of(alpha: &[Texture; 2]) -> Range {
     Range::Between(low, high)
 }
 
+/// True unless both are known to be the same.
+pub(super) fn differ([u, v]: &[Texture; 2]) -> bool {
+    match (u, v) {
+        (Texture::Constant(u), Texture::Constant(v)) => u != v,
+        // The reader gives one texture twice where the file has only one.
+        (Texture::Bitmap(u), Texture::Bitmap(v)) => !std::sync::Arc::ptr_eq(&u.texels, &v.texels),
+        _ => true,
+    }
+}
+
 impl RoughConductor {
     /// A metal of complex index eta + i k (`None`: reflectance 1), roughness `alpha` along the tangents, and a factor on what it
     /// reflects.
@@ -38,6 +48,11 @@ impl RoughConductor {
             (fresnel_of(index, v.dot(m)) * shadowing).to_array()
         });
         Self { distribution, alpha, index, reflectance, albedo: Arc::new(albedo) }
+    }
+
+    /// True if the tangents may differ.
+    pub fn is_anisotropic(&self) -> bool {
+        differ(&self.alpha)
     }
 
     /// Roughnesses along the tangents.

@@ -3,7 +3,7 @@
 use super::albedo::{AlbedoTable, CHANNELS};
 use super::fresnel;
 use super::microfacet::{Distribution, Microfacet, reflected};
-use super::rough_conductor::range_of;
+use super::rough_conductor::{differ, range_of};
 use super::texture::Texture;
 use crate::math::{DVec2, DVec3, Rgb, Vec2};
 use std::sync::Arc;
@@ -41,6 +41,11 @@ impl RoughDielectric {
         let table = |eta: f64| AlbedoTable::new(distribution, range, move |facets, v, m| shares(facets, v, m, eta));
         let albedo = Arc::new([table(eta), table(1.0 / eta)]);
         Self { distribution, alpha, eta, reflectance, transmittance, albedo }
+    }
+
+    /// True if the tangents may differ.
+    pub fn is_anisotropic(&self) -> bool {
+        differ(&self.alpha)
     }
 
     /// Roughnesses along the tangents.

@@ -1,7 +1,7 @@
 //! Spatially varying parameters of materials.
 
+pub use super::texels::Texels;
 use crate::math::{DVec2, Rgb, Vec2};
-use std::sync::Arc;
 
 /// A colour over the texture coordinates of a surface.
 #[derive(Debug, Clone)]
@@ -50,8 +50,8 @@ pub struct Bitmap {
     pub width: usize,
     /// Height in texels.
     pub height: usize,
-    /// Linear values, row by row; shared by all users of the file.
-    pub texels: Arc<[[f32; 3]]>,
+    /// Linear values, row by row.
+    pub texels: Texels,
     /// Interpolation.
     pub filter: Filter,
     /// Continuation.
@@ -110,7 +110,7 @@ impl Bitmap {
                 }
             }) as usize
         };
-        self.texels[fold(y, self.height) * self.width + fold(x, self.width)].into()
+        self.texels.at(fold(y, self.height) * self.width + fold(x, self.width)).into()
     }
 }
 
@@ -149,7 +149,7 @@ impl Texture {
         match self {
             Texture::Constant(value) => Texture::Constant(f(*value)),
             Texture::Bitmap(bitmap) => {
-                let texels = bitmap.texels.iter().map(|t| f(Rgb::from(*t)).to_array().map(|v| v as f32)).collect();
+                let texels = bitmap.texels.iter().map(|t| f(Rgb::from(t)).to_array().map(|v| v as f32)).collect();
                 Texture::Bitmap(Bitmap { texels, ..bitmap.clone() })
             }
             Texture::Checkerboard(board) => {
@@ -200,7 +200,7 @@ impl Texture {
     pub fn mean(&self) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
-            Texture::Bitmap(b) => b.texels.iter().map(|t| Rgb::from(*t)).sum::<Rgb>() / b.texels.len() as f64,
+            Texture::Bitmap(b) => b.texels.iter().map(Rgb::from).sum::<Rgb>() / b.texels.len() as f64,
             Texture::Checkerboard(board) => (board.colors[0].mean() + board.colors[1].mean()) * 0.5,
         }
     }
@@ -219,7 +219,7 @@ impl Texture {
         let larger = |a: Rgb, b: Rgb| Rgb::new(a.r.max(b.r), a.g.max(b.g), a.b.max(b.b));
         match self {
             Texture::Constant(value) => *value,
-            Texture::Bitmap(b) => b.texels.iter().map(|t| Rgb::from(*t)).fold(Rgb::BLACK, larger),
+            Texture::Bitmap(b) => b.texels.iter().map(Rgb::from).fold(Rgb::BLACK, larger),
             Texture::Checkerboard(board) => larger(board.colors[0].max(), board.colors[1].max()),
         }
     }
@@ -228,7 +228,7 @@ impl Texture {
     pub fn max_scalar(&self) -> f64 {
         match self {
             Texture::Constant(value) => level(*value),
-            Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(0.0, f64::max),
+            Texture::Bitmap(b) => b.texels.iter().map(|t| luminance(t.into())).fold(0.0, f64::max),
             Texture::Checkerboard(board) => board.colors[0].max_scalar().max(board.colors[1].max_scalar()),
         }
     }
@@ -237,7 +237,7 @@ impl Texture {
     pub fn min_scalar(&self) -> f64 {
         match self {
             Texture::Constant(value) => level(*value),
-            Texture::Bitmap(b) => b.texels.iter().map(|t| luminance((*t).into())).fold(f64::INFINITY, f64::min),
+            Texture::Bitmap(b) => b.texels.iter().map(|t| luminance(t.into())).fold(f64::INFINITY, f64::min),
             Texture::Checkerboard(board) => board.colors[0].min_scalar().min(board.colors[1].min_scalar()),
         }
     }
@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     fn two_by_one(filter: Filter, wrap: Wrap) -> Texture {
-        let texels = Arc::from([[0.0; 3], [1.0; 3]]);
+        let texels = vec![[0.0; 3], [1.0; 3]].into();
         Texture::Bitmap(Bitmap { width: 2, height: 1, texels, filter, wrap, to_uv: Bitmap::IDENTITY })
     }
 

@@ -8,6 +8,7 @@ use crate::geometry::Bounds;
 use crate::math::{DVec3, Vec3};
 use crate::scene::ShapeSurface;
 use crate::world::World;
+use std::collections::HashSet;
 
 /// Surfaces this near count as touching, relative to the scene's diagonal.
 const TOUCH: f64 = 2e-5;
@@ -118,13 +119,21 @@ pub struct Cutters {
 }
 
 impl Cutters {
-    /// All triangles with an edge longer than `longer_than`.
+    /// All triangles with an edge longer than `longer_than`; of those with the same corners, one.
     pub fn new(world: &World, longer_than: f64) -> Self {
+        // What stands twice in the same place stands there once; and a file with one face thousands of times would otherwise take
+        // time with the square of their number.
+        let mut seen = HashSet::new();
+        let mut is_new = |mut corners: [Vec3; 3]| {
+            corners.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
+            seen.insert(corners.map(|c| c.to_array().map(f32::to_bits)))
+        };
         let of_shape = |(index, shape): (usize, &crate::scene::Shape)| {
             let ShapeSurface::Mesh(mesh) = &shape.surface else { return None };
             let first = world.first_primitive(index);
             let all = first..first + mesh.triangles.len() as u32;
-            let kept: Vec<u32> = all.filter(|&i| longest_edge(world.soup().corners(i as usize)) > longer_than).collect();
+            let corners = |i: u32| world.soup().corners(i as usize);
+            let kept: Vec<u32> = all.filter(|&i| longest_edge(corners(i)) > longer_than && is_new(corners(i))).collect();
             (!kept.is_empty()).then_some((index, kept))
         };
         Self { shapes: world.scene().shapes.iter().enumerate().filter_map(of_shape).collect() }

@@ -87,8 +87,7 @@ pub fn solve(
     let solution = watch.time(Stage::Solve, || gauss_seidel::solve(&system, &settings.solver, observer))?;
     let indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
     let power = balance(world, &patches, &form_factors, &solution.irradiance);
-    let field =
-        RadiosityField { patches, shadow_irradiance: shadow, gathered_irradiance: gathered, indirect_irradiance: indirect };
+    let field = RadiosityField::new(patches, shadow, gathered, indirect);
     Ok(PassOne { field, form_factors, solution, power })
 }
 

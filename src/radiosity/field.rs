@@ -15,9 +15,33 @@ pub struct RadiosityField {
     pub gathered_irradiance: Vec<Rgb>,
     /// Irradiance of each patch by light that other patches have reflected.
     pub indirect_irradiance: Vec<Rgb>,
+    /// Sum of the three, and the area of the patch: what is read at every hit lies together.
+    whole: Vec<(Rgb, f64)>,
+}
+
+/// What the field holds at a surface point.
+#[derive(Debug, Clone, Copy)]
+pub struct Stored {
+    /// Whole irradiance of its patch [W/m²].
+    pub irradiance: Rgb,
+    /// True if the point, a distance `si.t` from where the ray started, is nearer than its patch is wide: seen from there the patch
+    /// fills so much of the hemisphere that its mean irradiance will not do for it.
+    pub is_near: bool,
 }
 
 impl RadiosityField {
+    /// Puts the parts together; all by patch.
+    pub fn new(
+        patches: PatchMesh,
+        shadow_irradiance: Vec<Rgb>,
+        gathered_irradiance: Vec<Rgb>,
+        indirect_irradiance: Vec<Rgb>,
+    ) -> Self {
+        let parts = shadow_irradiance.iter().zip(&gathered_irradiance).zip(&indirect_irradiance);
+        let whole = parts.zip(&patches.area).map(|(((s, g), i), area)| (*s + *g + *i, *area)).collect();
+        Self { patches, shadow_irradiance, gathered_irradiance, indirect_irradiance, whole }
+    }
+
     /// Irradiance [W/m²] at a surface point by everything but the lamps that shadow rays find.
     #[inline]
     pub fn rest_irradiance(&self, si: &SurfaceInteraction) -> Rgb {
@@ -27,12 +51,12 @@ impl RadiosityField {
         })
     }
 
-    /// Whole irradiance [W/m²] at a surface point.
+    /// Whole irradiance at a surface point; zero where there is no patch.
     #[inline]
-    pub fn irradiance(&self, si: &SurfaceInteraction) -> Rgb {
-        self.patches.patch_at(si).map_or(Rgb::BLACK, |id| {
-            let i = id.0 as usize;
-            self.shadow_irradiance[i] + self.gathered_irradiance[i] + self.indirect_irradiance[i]
+    pub fn at(&self, si: &SurfaceInteraction) -> Stored {
+        self.patches.patch_at(si).map_or(Stored { irradiance: Rgb::BLACK, is_near: false }, |id| {
+            let (irradiance, area) = self.whole[id.0 as usize];
+            Stored { irradiance, is_near: f64::from(si.t) * f64::from(si.t) < area }
         })
     }
 
@@ -44,7 +68,6 @@ impl RadiosityField {
 
     /// Radiosity B [W/m²] of patch `i`: emitted and reflected.
     pub fn radiosity(&self, i: usize) -> Rgb {
-        let h = self.shadow_irradiance[i] + self.gathered_irradiance[i] + self.indirect_irradiance[i];
-        self.patches.exitance[i] + self.patches.rho[i] * h
+        self.patches.exitance[i] + self.patches.rho[i] * self.whole[i].0
     }
 }

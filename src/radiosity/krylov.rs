@@ -40,7 +40,7 @@ pub(super) fn accelerate(x: &mut [Rgb], steps: u32, mut sweep: impl FnMut(&mut [
             r[i] = s[i] - omega * t[i];
         }
         let left = dot(&r, &r);
-        let settled = |c: usize| !(left[c] > REDUCTION * REDUCTION * first[c]) || rho[c] == 0.0;
+        let settled = |c: usize| left[c] <= REDUCTION * REDUCTION * first[c] || left[c].is_nan() || rho[c] == 0.0;
         if (0..3).all(settled) {
             return;
         }

@@ -1,8 +1,8 @@
 //! From what a reader found (f64, file coordinates) to a valid [`Scene`] (f32, recentred).
 
-use super::{Camera, FilmSettings, Scene, Shape, ShapeSurface};
+use super::{Camera, FilmSettings, Scene, Shape, ShapeSurface, repair};
 use crate::geometry::tessellate::Triangles;
-use crate::geometry::{Mesh, Sphere, triangle};
+use crate::geometry::{Mesh, Sphere};
 use crate::light::{AreaLight, DirectionalLight, Emitter, Environment, Light, PointLight, SpotLight};
 use crate::material::{MaterialId, Surface, Texture};
 use crate::math::{DVec3, Rgb, Vec3};
@@ -152,7 +152,7 @@ impl SurfaceSource {
 }
 
 impl Scene {
-    /// Checks, drops what has no area (with a warning that counts it), and recentres in f64.
+    /// Checks, drops triangles without area and copies of others (with a warning that counts them), and recentres in f64.
     ///
     /// # Errors
     /// [`SceneError`] for numbers that are not finite, indices out of range and spheres without a radius.
@@ -166,8 +166,12 @@ impl Scene {
         let mut camera = source.camera;
         camera.to_scene.translation -= origin;
         let mut dropped_triangles = 0;
-        let shapes: Vec<Shape> =
-            source.shapes.into_iter().map(|s| place(s, origin, &mut dropped_triangles, &mut warnings)).collect();
+        let is_opaque = |s: &ShapeSource| !source.materials[s.material.0 as usize].material.is_transmissive();
+        let placed = source.shapes.into_iter().map(|s| {
+            let is_opaque = is_opaque(&s);
+            place(s, is_opaque, origin, &mut dropped_triangles, &mut warnings)
+        });
+        let shapes: Vec<Shape> = placed.collect();
 
         let area_lights = shapes.iter().enumerate().filter(|(_, s)| s.emits()).filter_map(|(i, s)| {
             let emitter = match &s.surface {
@@ -228,7 +232,7 @@ fn check(shape: &ShapeSource) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn place(shape: ShapeSource, origin: DVec3, dropped_triangles: &mut usize, warnings: &mut Vec<String>) -> Shape {
+fn place(shape: ShapeSource, is_opaque: bool, origin: DVec3, dropped_triangles: &mut usize, warnings: &mut Vec<String>) -> Shape {
     let surface = match shape.surface {
         SurfaceSource::Sphere { center, radius } => {
             ShapeSurface::Sphere(Sphere { center: (center - origin).as_vec3(), radius: radius as f32 })
@@ -237,22 +241,24 @@ fn place(shape: ShapeSource, origin: DVec3, dropped_triangles: &mut usize, warni
             let positions: Vec<Vec3> = t.positions.iter().map(|p| (*p - origin).as_vec3()).collect();
             let mut triangles = t.triangles;
             let before = triangles.len();
-            triangles.retain(|t| {
-                let [a, b, c] = t.map(|i| positions[i as usize]);
-                triangle::area_vector(a, b, c) != DVec3::ZERO
-            });
-            if triangles.len() < before {
-                let dropped = before - triangles.len();
-                *dropped_triangles += dropped;
-                warnings.push(format!("shape \"{}\": {dropped} of {before} triangles have no area and were dropped", shape.id));
-            }
+            let mut tell = |count: usize, what: &str| {
+                if count > 0 {
+                    warnings.push(format!("shape \"{}\": {count} of {before} triangles {what}", shape.id));
+                }
+            };
+            let without_area = repair::drop_without_area(&mut triangles, &positions);
+            tell(without_area, "have no area and were dropped");
+            // A viewer sees through both copies of what lets light through.
+            let copies = if is_opaque { repair::drop_copies(&mut triangles, &positions) } else { 0 };
+            tell(copies, "repeat another one and were dropped");
+            *dropped_triangles += without_area + copies;
             let mut normals = t.normals;
             // A normal that cannot be normalised is replaced by the face's, by giving it zero length.
             normals.iter_mut().for_each(|n| *n = n.normalize_or_zero());
             ShapeSurface::Mesh(Mesh { positions, normals, uvs: t.uvs, triangles })
         }
     };
-    let is_black = matches!(&shape.emission, Texture::Bitmap(b) if b.texels.iter().all(|t| *t == [0.0; 3]));
+    let is_black = matches!(&shape.emission, Texture::Bitmap(b) if b.texels.iter().all(|t| t == [0.0; 3]));
     let emission = if is_black { Texture::Constant(Rgb::BLACK) } else { shape.emission };
     Shape { id: shape.id, surface, material: shape.material, emission }
 }

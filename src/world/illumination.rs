@@ -124,6 +124,15 @@ impl World {
         shift: f64,
         mut visit: impl FnMut(usize, usize, f64),
     ) {
+        if let Some(tree) = &self.light_tree {
+            let view = tree.view(point, receiver);
+            for pick in 0..picks {
+                if let Some((light, probability, _)) = view.pick(((pick as f64 + shift) / picks as f64) as f32) {
+                    visit(pick, light, probability * picks as f64);
+                }
+            }
+            return;
+        }
         let lights = self.partition.shadow_lights();
         let mut total = 0.0;
         let running: Vec<f64> = lights
@@ -152,6 +161,9 @@ impl World {
         let lights = self.partition.shadow_lights();
         if self.scene.lights[light].is_distant() || lights.len() <= origin.sampling.lights_per_point {
             return pdf;
+        }
+        if let Some(tree) = &self.light_tree {
+            return pdf * origin.sampling.lights_per_point as f64 * tree.probability(origin.point, origin.receiver, light);
         }
         let importance = |light: usize| self.light_importance(light, origin.point, origin.receiver);
         let total: f64 = lights.iter().map(|&l| importance(l)).sum();

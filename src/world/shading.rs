@@ -1,7 +1,7 @@
 //! A hit seen through its material: what scatters there, in world directions.
 
 use super::{DirectSampling, SurfaceInteraction, World};
-use crate::material::{Lobe, Lobes, Material, Scattering};
+use crate::material::{Lobe, Lobes, Material, Relief, Scattering};
 use crate::math::{Frame, Rgb, Vec2, Vec3};
 
 /// The material at a hit, in the frame it is meant in.
@@ -14,6 +14,8 @@ pub struct Shading<'a> {
     pub wo: Vec3,
     /// True if the material's +z points away from the viewer's side: on the back of what is not two-sided.
     flipped: bool,
+    /// What bends the normal, how it is bent, and the frame it was bent in.
+    relief: Option<(&'a Relief, Vec3, Frame)>,
 }
 
 /// A direction by the glossy lobes.
@@ -32,14 +34,27 @@ impl World {
     #[inline]
     pub fn shading<'a>(&'a self, si: &'a SurfaceInteraction) -> Shading<'a> {
         let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
-        let frame = si.shading_frame();
+        let mut frame = si.shading_frame();
+        let mut relief = None;
+        if self.oriented[self.scene.shapes[si.shape as usize].material.0 as usize] {
+            let (du, dv) = self.tangents(si);
+            frame = self.textured_frame(si, frame.n, du);
+            if let Some(map) = &surface.relief {
+                let [wo, du, dv, ng] = [si.wo, du, dv, si.ng].map(|v| frame.to_local(v));
+                let bent = map.perturb(si.uv, wo, du, dv, ng);
+                relief = Some((map, bent, frame));
+                let s = (du - bent * bent.dot(du)).try_normalize().unwrap_or_else(|| Frame::new(bent).s);
+                let [s, t, n] = [s, bent.cross(s), bent].map(|v| frame.to_world(v));
+                frame = Frame { s, t, n };
+            }
+        }
         let mut wo = frame.to_local(si.wo);
         // The interaction's normals face the viewer; a boundary needs to know that the viewer is inside.
         let flipped = !si.front && !surface.two_sided;
         if flipped {
             wo.z = -wo.z;
         }
-        Shading { si, material: &surface.material, frame, wo, flipped }
+        Shading { si, material: &surface.material, frame, wo, flipped, relief }
     }
 }
 
@@ -79,7 +94,15 @@ impl Shading<'_> {
     #[inline]
     pub fn eval(&self, direction: Vec3) -> Scattering {
         match self.to_local(direction) {
-            Some(wi) => self.material.eval(self.wo, wi, self.si.uv),
+            Some(wi) => {
+                let mut scattering = self.material.eval(self.wo, wi, self.si.uv);
+                if self.relief.is_some() {
+                    let factor = self.shadowing(direction);
+                    scattering.diffuse = scattering.diffuse * factor;
+                    scattering.glossy = scattering.glossy * factor;
+                }
+                scattering
+            }
             None => Scattering::default(),
         }
     }
@@ -97,7 +120,7 @@ impl Shading<'_> {
         let (direction, z) = self.to_world(sample.wi);
         ((direction.dot(self.si.ng) > 0.0) == (z > 0.0)).then_some(GlossyRay {
             direction,
-            weight: sample.weight,
+            weight: sample.weight * self.shadowing(direction),
             pdf: sample.pdf,
         })
     }
@@ -131,17 +154,23 @@ impl Shading<'_> {
     /// True if `lobe` goes on as if nothing were there.
     #[inline]
     pub fn is_straight(&self, lobe: &Lobe) -> bool {
-        lobe.transmits && self.material.passes_straight() && lobe.wi == -self.wo
+        lobe.goes_straight(self.wo)
     }
 
     /// Share of the light that passes straight.
     #[inline]
     pub fn straight_share(&self) -> Rgb {
-        self.lobes().iter().filter(|lobe| self.is_straight(lobe)).map(|lobe| lobe.weight).sum()
+        self.material.straight_transmittance(self.wo, self.si.uv)
     }
 
     /// How many shadow rays a surface needs that only a walk has met: one, since its light is seen in a mean.
-    pub(super) const IN_PASSING: DirectSampling = DirectSampling { lights_per_point: 1 };
+    pub const IN_PASSING: DirectSampling = DirectSampling { lights_per_point: 1 };
+
+    /// What a relief leaves of light from `direction`.
+    #[inline]
+    fn shadowing(&self, direction: Vec3) -> f64 {
+        self.relief.as_ref().map_or(1.0, |(relief, bent, unbent)| relief.shadowing(*bent, unbent.to_local(direction)))
+    }
 
     #[inline]
     fn to_local(&self, direction: Vec3) -> Option<Vec3> {

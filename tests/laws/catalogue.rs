@@ -159,6 +159,20 @@ fn c3_deep_nesting_is_over_a_limit() {
     }
 }
 
+/// Half the stack that a thread has: readers recurse, and builds without optimisation have large frames.
+#[test]
+fn c3_nesting_up_to_the_limit_fits_a_small_stack() {
+    for plugin in ["twosided", "mask", "bumpmap", "normalmap", "blendbsdf"] {
+        let open = format!("<bsdf type='{plugin}'>");
+        let nested = format!("{}<bsdf type='diffuse'/>{}", open.repeat(254), "</bsdf>".repeat(254));
+        let case = Case::new(&nested);
+        let load = move || twopass::load::load_scene(&case.path("scene.xml"), &Default::default()).map(|_| ());
+        let thread = std::thread::Builder::new().stack_size(1 << 20).spawn(load).expect("a thread");
+        // Some materials may hold another so deep, some may not; what counts is that there is an answer.
+        let _ = thread.join().expect("no overflow");
+    }
+}
+
 #[test]
 fn c4_includes_end_in_depth_and_in_number() {
     let include = |name: &str| format!("<scene version='3.0.0'>\n<include filename='{name}'/></scene>");

@@ -37,9 +37,12 @@ fn the_corpus_of_each_reader_is_answered() {
     replay("xml", fuzz::xml);
     replay("obj", fuzz::obj);
     replay("ply", fuzz::ply);
+    replay("serialized", fuzz::serialized);
     replay("image", fuzz::image);
     let folder = tempfile::tempdir().expect("a temporary folder");
     replay("scene", |bytes| fuzz::scene(bytes, folder.path()));
+    replay("model", |bytes| fuzz::model(bytes, folder.path()));
+    replay("gltf", |bytes| fuzz::gltf(bytes, folder.path()));
 }
 
 /// Writes the seeds anew: `cargo test --release --test laws seeds_are_written -- --ignored`.
@@ -89,6 +92,14 @@ fn seeds_are_written() {
         put("ply", if big { "big" } else { "little" }, &file);
         put("ply", if big { "big-cut" } else { "little-cut" }, &file[..file.len() - 9]);
     }
+    // One triangle in single precision, with a name; then the list of one mesh at byte 0.
+    let mut mesh = [0x1000_u32.to_le_bytes().as_slice(), b"name\0", &3_u64.to_le_bytes(), &1_u64.to_le_bytes()].concat();
+    [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().for_each(|x| mesh.extend(x.to_le_bytes()));
+    [0_u32, 1, 2].iter().for_each(|i| mesh.extend(i.to_le_bytes()));
+    let file = [[0x1c, 4, 4, 0].as_slice(), &deflated(&mesh), &0_u64.to_le_bytes(), &1_u32.to_le_bytes()].concat();
+    put("serialized", "triangle", &file);
+    put("serialized", "cut", &file[..20]);
+    models(&put);
     let scene = rich_scene();
     put("xml", "rich", scene.replace("<include filename='part.xml'/>", "").as_bytes());
     put("xml", "include", scene.as_bytes());
@@ -102,6 +113,85 @@ fn seeds_are_written() {
     put("scene", "rich", format!("{scene}{archive}").as_bytes());
     put("scene", "alone", scene.as_bytes());
     images(|name, bytes| put("image", name, bytes));
+}
+
+/// OBJ files with a library, and glTF files with what the reader knows.
+fn models(put: &impl Fn(&str, &str, &[u8])) {
+    let obj = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0.5\nvt 0 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/1\nusemtl b c\nf 2 3 4\n\
+               usemtl d\nf 1 2 4\nusemtl e\nf 1 3 4\n";
+    let mtl = "newmtl a\nKd .5 .25 1\nKs .2 .2 .2\nNs 98\nillum 2\nmap_Kd -s 2 3 -o .5 .25 -clamp on t.png\nnewmtl b c\nKe 3 2 1\n\
+               map_Ke t.png\nnewmtl d\nillum 7\nNi 1.33\nTf .9 .9 .9\nTr 0.75\nnewmtl e\nPm .5\nPr .2\nmap_d t.png\n";
+    let text = format!("{obj}\n{0}m.mtl\n{mtl}\n{0}t.png\n", fuzz::DIVIDER);
+    let mut file = text.into_bytes();
+    file.extend(small_png());
+    put("model", "rich", &file);
+    put("model", "fault", format!("{obj}\n{}m.mtl\nnewmtl a\nKd .5 .5\n", fuzz::DIVIDER).as_bytes());
+    let reals = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0];
+    let mut bytes: Vec<u8> = reals.iter().flat_map(|v| v.to_le_bytes()).collect();
+    bytes.extend([0_u16, 1, 2, 0].iter().flat_map(|i| i.to_le_bytes()));
+    let image = bytes.len();
+    bytes.extend(small_png());
+    let json = |uri: &str| gltf_json(uri, bytes.len(), image);
+    let uri = format!(",\"uri\":\"data:application/octet-stream;base64,{}\"", base64(&bytes));
+    put("gltf", "text", json(&uri).as_bytes());
+    put("gltf", "elsewhere", json(",\"uri\":\"a.bin\"").as_bytes());
+    let (mut json, mut blob) = (json("").into_bytes(), bytes.clone());
+    json.resize(json.len().next_multiple_of(4), b' ');
+    blob.resize(blob.len().next_multiple_of(4), 0);
+    let length = |n: usize| (n as u32).to_le_bytes();
+    let binary = [
+        b"glTF\x02\0\0\0".as_slice(),
+        &length(28 + json.len() + blob.len()),
+        &length(json.len()),
+        b"JSON",
+        &json,
+        &length(blob.len()),
+        b"BIN\0",
+        &blob,
+    ]
+    .concat();
+    put("gltf", "binary", &binary);
+    put("gltf", "cut", &binary[..binary.len() - 40]);
+}
+
+fn small_png() -> Vec<u8> {
+    png(&[header(2, 2), (b"IDAT", deflated(&[0, 255, 0, 9, 9, 9, 9, 0, 255, 0, 1, 2, 3, 4])), (b"IEND", Vec::new())])
+}
+
+fn base64(bytes: &[u8]) -> String {
+    use base64::Engine;
+    base64::engine::general_purpose::STANDARD.encode(bytes)
+}
+
+/// Every member that the reader asks for: a sparse accessor, a strip, two materials, a camera and three lights in nested nodes.
+fn gltf_json(uri: &str, bytes: usize, image: usize) -> String {
+    let length = bytes - image;
+    format!(
+        r#"{{"asset":{{"version":"2.0"}},"extensionsUsed":["KHR_lights_punctual","KHR_texture_transform"],"scene":0,
+"scenes":[{{"nodes":[0]}}],"nodes":[{{"name":"n","mesh":0,"rotation":[0,0.6,0,0.8],"scale":[1,2,-1],"children":[1,2]}},
+{{"camera":0,"translation":[0,0,5],"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}},
+{{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1],"extensions":{{"KHR_lights_punctual":{{"light":1}}}}}}],
+"extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"point","color":[1,0.5,0],"intensity":9}},
+{{"type":"spot","spot":{{"innerConeAngle":0.2,"outerConeAngle":0.5}}}},{{"type":"directional"}}]}}}},
+"cameras":[{{"type":"perspective","perspective":{{"yfov":0.8,"znear":0.1,"zfar":99,"aspectRatio":1.5}}}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1}},"indices":2,"material":0}},
+{{"attributes":{{"POSITION":3,"NORMAL":0}},"indices":2,"mode":5,"material":1}}]}}],
+"materials":[{{"doubleSided":true,"alphaMode":"MASK","emissiveFactor":[1,0.5,0],"emissiveTexture":{{"index":0}},
+"pbrMetallicRoughness":{{"baseColorFactor":[0.5,0.25,1,1],"roughnessFactor":0.4,"metallicFactor":0.5,"baseColorTexture":
+{{"index":0,"extensions":{{"KHR_texture_transform":{{"offset":[0,1],"scale":[2,2],"rotation":1}}}}}}}},
+"extensions":{{"KHR_materials_emissive_strength":{{"emissiveStrength":6}}}}}},
+{{"extensions":{{"KHR_materials_transmission":{{"transmissionFactor":1}},"KHR_materials_ior":{{"ior":1.4}},
+"KHR_materials_volume":{{"thicknessFactor":1}}}}}}],
+"textures":[{{"source":0,"sampler":0}}],"images":[{{"bufferView":3,"mimeType":"image/png"}}],
+"samplers":[{{"wrapS":33071,"magFilter":9728}}],"buffers":[{{"byteLength":{bytes}{uri}}}],
+"bufferViews":[{{"buffer":0,"byteLength":36}},{{"buffer":0,"byteOffset":36,"byteLength":24}},
+{{"buffer":0,"byteOffset":60,"byteLength":8}},{{"buffer":0,"byteOffset":{image},"byteLength":{length}}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}},
+{{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}},
+{{"bufferView":2,"componentType":5123,"count":3,"type":"SCALAR"}},
+{{"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0],"sparse":{{"count":1,
+"indices":{{"bufferView":2,"componentType":5123}},"values":{{"bufferView":0}}}}}}]}}"#
+    )
 }
 
 fn rich_scene() -> String {

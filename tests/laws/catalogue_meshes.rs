@@ -118,6 +118,14 @@ fn c13_ply_indices_that_do_not_exist() {
     }
 }
 
+/// Each pair of triangles in one place, were it looked at, would take seconds.
+#[test]
+fn c13_one_face_thousands_of_times_takes_no_longer() {
+    let one = binary_ply("3", "21845", 3, 2);
+    let face = one[one.len() - 13..].repeat(21_844);
+    assert_eq!(triangles(&ply([one, face].concat())), 21_845);
+}
+
 #[test]
 fn c14_odd_text_is_defined() {
     let body = mesh_shape("m.obj");

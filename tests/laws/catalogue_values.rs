@@ -79,7 +79,7 @@ fn c18_counts_angles_and_scales() {
         ["--spp 0", "--spp -3", "--spp 1.5", "--max-depth -7", "--time 0", "--time nan", "--patch-size 0", "--tolerance -1"]
     {
         let (_, err) = room.run(2, &format!("render scene.xml --threads 2 {flag}"));
-        assert_words(&err, &[flag.split(' ').next_back().expect("a value")], flag);
+        assert_words(&err, &flag.split(' ').collect::<Vec<_>>(), flag);
     }
 }
 
@@ -104,8 +104,8 @@ fn c27_any_number_of_threads() {
     let mut room = room();
     let bits = |name: &str, room: &Case| std::fs::read(room.path(name)).expect("a picture");
     room.run(0, &format!("{RENDER} -o 2 --threads 2 -q"));
-    // A thousand stacks of 2 MB are written to only where they are used, but all count; and threads look for work.
-    room = room.within(4 << 20).seconds(20);
+    // Stacks of 2 MB are written to only where they are used, but all count: there are eight threads a processor at most.
+    room = room.within(4 << 20).seconds(2);
     for n in ["0", "1", "3", "999"] {
         room.run(0, &format!("{RENDER} -o n --threads {n} -q"));
         assert_eq!(bits("2.png", &room), bits("n.png", &room), "{n} threads");

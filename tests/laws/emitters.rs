@@ -251,7 +251,7 @@ fn square(radiance: Texture, placed: fn(DVec3) -> DVec3) -> Light {
 
 /// Rough texels, three of five black.
 fn rough(filter: Filter) -> Texture {
-    let texels: Arc<[[f32; 3]]> = (0..48)
+    let texels = (0..48)
         .map(|k| {
             let u = Sampler::new(8, k, 0).next_2d();
             if k % 5 < 3 { [0.0; 3] } else { [4.0 * u.x, 4.0 * u.y, 1.0] }

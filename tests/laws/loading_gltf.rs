@@ -190,6 +190,11 @@ fn the_binary_form_says_the_same_and_strips_alternate() {
         std::fs::write(fixture.folder().join("model.glb"), &glb[..n]).expect("written");
         assert!(load().is_err(), "{n} of {} bytes", glb.len());
     }
+    for length in [0_u32, 11, 12, u32::MAX] {
+        glb[8..12].copy_from_slice(&length.to_le_bytes());
+        std::fs::write(fixture.folder().join("model.glb"), &glb).expect("written");
+        assert!(length == 12 || load().is_err(), "a file that says it has {length} bytes");
+    }
 }
 
 #[test]
@@ -218,6 +223,31 @@ fn false_extents_and_trees_are_refused() {
     let error = load(&outside).expect_err("outside");
     assert!(matches!(error.kind, LoadErrorKind::PathNotAllowed { .. } | LoadErrorKind::Unreadable { .. }), "{error}");
     assert!(load("{").expect_err("no JSON").to_string().contains("line 1"));
+}
+
+/// Members that the crate which reads the JSON unwraps without having asked for them, and an index that it follows unchecked.
+#[test]
+fn members_taken_for_granted_are_asked_for() {
+    let material =
+        "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0}]";
+    let camera = |members: &str| format!("\"materials\":[{{}}],\"cameras\":[{{{members}}}]");
+    let orthographic = r#""orthographic":{"xmag":1,"ymag":1,"znear":0.1,"zfar":9}"#;
+    let perspective = r#""perspective":{"yfov":0.5,"znear":0.1}"#;
+    for (rest, part) in [
+        (format!("{material},\"images\":[{{}}]"), "an image with a bufferView or a uri, found neither in image 0"),
+        (format!("{material},\"images\":[{{\"mimeType\":\"image/png\"}}]"), "neither in image 0"),
+        (format!("{material},\"images\":[{{\"bufferView\":0}}]"), "mimeType, found none in image 0"),
+        (camera(&format!("\"type\":\"perspective\",{orthographic}")), "properties of its type, found none in camera 0"),
+        (camera(&format!("\"type\":\"orthographic\",{perspective}")), "none in camera 0"),
+    ] {
+        let uri = data_uri("application/octet-stream", &square());
+        let node = if rest.contains("cameras") { r#"{"mesh":0,"camera":0}"# } else { r#"{"mesh":0}"# };
+        let error = load(&file(&uri, node, &rest)).expect_err(part).to_string();
+        assert!(error.contains(part), "{error}, expected {part}");
+    }
+    let text = file("a%20b.bin", r#"{"mesh":0}"#, "\"materials\":[{}]").replace("\"POSITION\":0", "\"POSITION\":3");
+    let error = load(&text).expect_err("no such accessor").to_string();
+    assert!(error.contains("3 accessors, found accessor 3"), "{error}");
 }
 
 #[test]

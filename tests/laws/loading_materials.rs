@@ -298,7 +298,7 @@ fn textures_of_one_file_are_decoded_once() {
         Material::Diffuse { reflectance: Texture::Bitmap(b) } => b.texels.clone(),
         _ => panic!("a bitmap"),
     };
-    assert!(std::sync::Arc::ptr_eq(&texels(0), &texels(1)));
+    assert!(texels(0).is_shared_with(&texels(1)));
 }
 
 #[test]

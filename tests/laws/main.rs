@@ -11,6 +11,7 @@ mod catalogue_values;
 mod cli;
 mod emitters;
 mod furnace;
+mod glossy;
 mod invariance;
 mod light;
 mod loading;

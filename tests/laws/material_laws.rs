@@ -319,7 +319,7 @@ fn ramp() -> Texture {
     Texture::Bitmap(Bitmap {
         width: 4,
         height: 1,
-        texels: [0.25_f32, 0.75, 1.25, 1.75].map(|v| [v; 3]).as_slice().into(),
+        texels: [0.25_f32, 0.75, 1.25, 1.75].map(|v| [v; 3]).into_iter().collect(),
         filter: Filter::Bilinear,
         wrap: Wrap::Repeat,
         to_uv: Bitmap::IDENTITY,

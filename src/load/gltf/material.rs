@@ -130,7 +130,7 @@ fn texture(info: &Info<'_>, pictures: &Pictures, factor: Rgb) -> Result<Texture,
     let source = info.texture().source().index();
     let Picture { width, height, texels } = pictures[&source].clone();
     if let Some(i) = texels.iter().position(|t| !t.iter().all(|v| (0.0..=1.0).contains(v))) {
-        let found = format!("{:?} at ({}, {}) of image {source}", texels[i], i % width, i / width);
+        let found = format!("{:?} at ({}, {}) of image {source}", texels.at(i), i % width, i / width);
         return Err(malformed("texels with every channel from 0 to 1", found));
     }
     let sampler = info.texture().sampler();

@@ -39,12 +39,20 @@ pub(super) fn scene(files: &Files, main: &Path, name: String) -> std::result::Re
 fn read(files: &Files, main: &Path, name: String) -> Result<Parts> {
     let bytes = files.read(main, files.limits.mesh_bytes)?;
     let (json, blob) = if bytes.starts_with(b"glTF") {
+        // The crate subtracts its header from the length that the file claims.
+        let length = bytes.get(8..).and_then(|rest| rest.first_chunk()).map(|length| u32::from_le_bytes(*length));
+        if let Some(length @ 0..12) = length {
+            return Err(malformed("an intact .glb file", format!("a length of {length} bytes at byte 8")));
+        }
         let glb = gltf::binary::Glb::from_slice(&bytes).map_err(|error| malformed("an intact .glb file", error.to_string()))?;
         (glb.json, glb.bin)
     } else {
         (Cow::Borrowed(&bytes[..]), None)
     };
-    let document = gltf::Gltf::from_slice(&json).map_err(|error| malformed("glTF 2.0 in JSON", error.to_string()))?.document;
+    let not_gltf = |error: &dyn std::fmt::Display| malformed("glTF 2.0 in JSON", error.to_string());
+    let root = gltf::json::Root::from_slice(&json).map_err(|error| not_gltf(&error))?;
+    complete(&root)?;
+    let document = gltf::Document::from_json(root).map_err(|error| not_gltf(&error))?;
     let buffers = Buffers::read(&document, blob, files)?;
     let mut walk = Walk::default();
     let scene = document.default_scene().or_else(|| document.scenes().next());
@@ -84,6 +92,39 @@ fn read(files: &Files, main: &Path, name: String) -> Result<Parts> {
         model.shapes.push(shape);
     }
     Ok(model.into_parts(name))
+}
+
+/// An error where the crate would panic: at members that it takes for granted, and at indices that it follows before it checks them.
+fn complete(json: &gltf::json::Root) -> Result<()> {
+    use gltf::json::validation::Checked;
+    let positions = json.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| {
+        let index = p.attributes.get(&Checked::Valid(gltf::Semantic::Positions))?;
+        Some(index.value())
+    });
+    if let Some(index) = positions.filter(|i| *i >= json.accessors.len()).min() {
+        let expected = format!("positions in one of {} accessors", json.accessors.len());
+        return Err(malformed(expected, format!("accessor {index}")));
+    }
+    for (i, image) in json.images.iter().enumerate() {
+        let (expected, found) = match (&image.buffer_view, &image.mime_type, &image.uri) {
+            (Some(_), None, _) => ("an image in a view with its mimeType", "none"),
+            (None, _, None) => ("an image with a bufferView or a uri", "neither"),
+            _ => continue,
+        };
+        return Err(malformed(expected, format!("{found} in image {i}")));
+    }
+    for (i, camera) in json.cameras.iter().enumerate() {
+        use gltf::json::camera::Type;
+        let is_there = match camera.type_ {
+            Checked::Valid(Type::Perspective) => camera.perspective.is_some(),
+            Checked::Valid(Type::Orthographic) => camera.orthographic.is_some(),
+            Checked::Invalid => true,
+        };
+        if !is_there {
+            return Err(malformed("a camera with the properties of its type", format!("none in camera {i}")));
+        }
+    }
+    Ok(())
 }
 
 /// A primitive where a node puts it.
