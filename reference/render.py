@@ -57,7 +57,7 @@ def scene_hash(folder):
     for where, folders, names in os.walk(folder):
         folders.sort()
         for name in sorted(names):
-            if not name.endswith((".md", ".py", ".pyc")):
+            if not name.endswith((".md", ".py", ".pyc")) and name != "picture.png":
                 path = os.path.join(where, name)
                 digest.update(os.path.relpath(path, folder).encode())
                 with open(path, "rb") as file:
