@@ -123,19 +123,19 @@ pub struct SceneArgs {
 #[derive(Debug, clap::Args)]
 pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
-    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "Pass one")]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
     /// How form factors are computed: ray-cast
     #[arg(long, value_name = "METHOD", default_value = "ray-cast", help_heading = "Pass one")]
     pub form_factors: String,
     /// Standard error allowed to a form factor
-    #[arg(long, value_name = "T", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "Pass one")]
+    #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub tolerance: Option<f64>,
     /// How the radiosity system is solved: gauss-seidel
     #[arg(long, value_name = "METHOD", default_value = "gauss-seidel", help_heading = "Pass one")]
     pub solver: String,
     /// Bound on the relative error of the solution
-    #[arg(long, value_name = "T", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "Pass one")]
+    #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub solver_tolerance: Option<f64>,
 }
 
@@ -168,10 +168,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
     pub spp: Option<u32>,
     /// Stop after S seconds on the clock, from the end of loading
-    #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "S", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "When to stop (the first to be met)")]
     pub time: Option<f64>,
     /// Stop after S seconds of processor time (user and system), from the end of loading
-    #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true, help_heading = "When to stop (the first to be met)")]
+    #[arg(long, value_name = "S", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "When to stop (the first to be met)")]
     pub cpu_time: Option<f64>,
     /// Stop when the predicted error (relMSE) is reached
     #[arg(long, value_name = "RELMSE", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "When to stop (the first to be met)")]
@@ -193,13 +193,13 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X,Y,W,H", value_parser = parse_crop, allow_hyphen_values = true)]
     pub crop: Option<Crop>,
     /// Exposure of the PNG in stops: +1 doubles
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = parse_finite, allow_negative_numbers = true)]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = parse_finite, allow_hyphen_values = true)]
     pub exposure: f64,
     /// Highlights of the PNG: soft rolls them off (1 - 1/(4x) above 1/2), srgb cuts them at 1
     #[arg(long, value_name = "OPERATOR", default_value = "soft")]
     pub tone_map: ToneMapName,
     /// Write the image so far every S seconds
-    #[arg(long, value_name = "S", value_parser = parse_positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = parse_positive, allow_hyphen_values = true)]
     pub partial_every: Option<f64>,
     /// Not delivered yet
     #[arg(long, hide = true)]
@@ -246,7 +246,7 @@ pub struct InfoArgs {
     #[command(flatten)]
     pub source: SceneArgs,
     /// Edge length of a patch in scene units
-    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true)]
     pub patch_size: Option<f64>,
     /// As one JSON object
     #[arg(long)]
@@ -270,7 +270,7 @@ pub struct ProbeArgs {
     #[arg(long)]
     pub radiance: bool,
     /// Luminous efficacy [lm/W] of the illuminance column
-    #[arg(long, value_name = "K", default_value_t = 179.0, value_parser = parse_positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", default_value_t = 179.0, value_parser = parse_positive, allow_hyphen_values = true)]
     pub efficacy: f64,
     /// Samples per point
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = parse_count::<u64>, allow_negative_numbers = true)]
