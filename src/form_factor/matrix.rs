@@ -21,6 +21,8 @@ pub struct FormFactorMatrix {
     pub(super) truncated: Vec<[f32; 3]>,
     /// Mean radiance that each row receives of emitters it does not see directly.
     pub(super) arriving: Vec<Rgb>,
+    /// The same, weighted by what the diffuse part of the row's patch makes of each direction.
+    pub(super) accepted: Vec<Rgb>,
     /// Quality before correction.
     pub closure: Closure,
 }
@@ -38,6 +40,8 @@ pub struct Row {
     pub truncated: [f32; 3],
     /// Mean radiance from emitters that are not seen directly.
     pub arriving: Rgb,
+    /// The same, weighted by what the diffuse part of the patch makes of each direction.
+    pub accepted: Rgb,
 }
 
 impl FormFactorMatrix {
@@ -54,6 +58,7 @@ impl FormFactorMatrix {
             matrix.escaped.push(row.escaped);
             matrix.truncated.push(row.truncated);
             matrix.arriving.push(row.arriving);
+            matrix.accepted.push(row.accepted);
             matrix.row_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
@@ -78,7 +83,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 72 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 96 * self.len()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.
@@ -101,6 +106,12 @@ impl FormFactorMatrix {
     #[inline]
     pub fn arriving(&self, i: usize) -> Rgb {
         self.arriving[i]
+    }
+
+    /// [`Self::arriving`] weighted by what the diffuse part of the patch makes of each direction, over its mean.
+    #[inline]
+    pub fn accepted(&self, i: usize) -> Rgb {
+        self.accepted[i]
     }
 
     /// Share of row i that leaves the scene.

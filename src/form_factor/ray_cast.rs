@@ -86,7 +86,8 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
     let mut counts = RayCounts::default();
     let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
-    let (mut escaped, mut truncated, mut arriving) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
+    let (mut escaped, mut truncated) = (Rgb::BLACK, Rgb::BLACK);
+    let (mut arriving, mut accepted) = (Rgb::BLACK, Rgb::BLACK);
     let rays = settings.rays_of(patches, id.0 as usize);
     for k in 0..rays {
         let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
@@ -97,6 +98,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
         let sampling = DirectSampling::default();
         let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
+        let mut found = Rgb::BLACK;
         world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
                 if let Some(j) = patches.patch_at(at) {
@@ -108,16 +110,20 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
                 }
                 // What is seen directly is known exactly by the form factor.
                 if through > 0 && at.front {
-                    arriving += throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
+                    found += throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
                 }
             }
-            Event::Lit { radiance, .. } => arriving += radiance,
+            Event::Lit { radiance, .. } => found += radiance,
             Event::Escaped { direction, throughput, share, .. } => {
                 escaped += throughput;
-                arriving += throughput * world.scene().escaped_radiance(direction) * share;
+                found += throughput * world.scene().escaped_radiance(direction) * share;
             }
             Event::Truncated { throughput } => truncated += throughput,
         });
+        if !found.is_black() {
+            arriving += found;
+            accepted += found * world.shading(&from).acceptance(direction);
+        }
     }
     let share = 1.0 / f64::from(rays);
     direct.sort_unstable();
@@ -131,6 +137,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
         escaped: (escaped * share).to_array().map(|v| v as f32),
         truncated: (truncated * share).to_array().map(|v| v as f32),
         arriving: arriving * share,
+        accepted: accepted * share,
     };
     (row, counts)
 }

@@ -132,7 +132,7 @@ impl TwoPass<'_> {
         if let Some(field) = self.field.filter(|_| shading.has_diffuse()) {
             let stored = field.at(si).irradiance;
             *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
-            *trace.sample.layer(Quantity::Irradiance) += stored;
+            *trace.sample.layer(Quantity::Irradiance) += field.irradiance(si);
             if read_out == ReadOut::Stored && depth + 2 <= limit {
                 *trace.sample.layer(Quantity::Indirect) += reflect(stored);
             }

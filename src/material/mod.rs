@@ -293,6 +293,16 @@ impl Material {
         }
     }
 
+    /// True if the diffuse part, if any, is the same in all directions.
+    pub fn is_lambertian(&self) -> bool {
+        match self {
+            Material::Plastic(_) | Material::RoughPlastic(_) | Material::Principled(_) => false,
+            Material::Mask { inner, .. } | Material::TwoSided(inner) => inner.is_lambertian(),
+            Material::Blend { parts, .. } => parts.iter().all(Material::is_lambertian),
+            _ => true,
+        }
+    }
+
     /// [`Self::diffuse_reflectance`] if it is known to be the same everywhere.
     pub fn uniform_diffuse_reflectance(&self) -> Option<Rgb> {
         match self {

@@ -15,14 +15,26 @@ pub struct RadiosityField {
     pub gathered_irradiance: Vec<Rgb>,
     /// Irradiance of each patch by light that other patches have reflected.
     pub indirect_irradiance: Vec<Rgb>,
-    /// Sum of the three, and the area of the patch: what is read at every hit lies together.
+    /// Irradiance by lamps and by other emitters again, weighted by what the diffuse part makes of each direction over its mean: what a
+    /// patch reflects is its mean reflectance times these and the indirect part [W/m²].
+    accepted: Vec<[Rgb; 2]>,
+    /// Their sum with the indirect part, and the area of the patch: what is read at every hit lies together.
     whole: Vec<(Rgb, f64)>,
+}
+
+/// Light that falls on a patch.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Incident {
+    /// Irradiance [W/m²].
+    pub irradiance: Rgb,
+    /// The same weighted by what the diffuse part makes of each direction, over its mean [W/m²].
+    pub accepted: Rgb,
 }
 
 /// What the field holds at a surface point.
 #[derive(Debug, Clone, Copy)]
 pub struct Stored {
-    /// Whole irradiance of its patch [W/m²].
+    /// Whole irradiance of its patch, as its diffuse part accepts it [W/m²].
     pub irradiance: Rgb,
     /// True if the point, a distance `si.t` from where the ray started, is nearer than its patch is wide: seen from there the patch
     /// fills so much of the hemisphere that its mean irradiance will not do for it.
@@ -31,27 +43,36 @@ pub struct Stored {
 
 impl RadiosityField {
     /// Puts the parts together; all by patch.
-    pub fn new(
-        patches: PatchMesh,
-        shadow_irradiance: Vec<Rgb>,
-        gathered_irradiance: Vec<Rgb>,
-        indirect_irradiance: Vec<Rgb>,
-    ) -> Self {
-        let parts = shadow_irradiance.iter().zip(&gathered_irradiance).zip(&indirect_irradiance);
-        let whole = parts.zip(&patches.area).map(|(((s, g), i), area)| (*s + *g + *i, *area)).collect();
-        Self { patches, shadow_irradiance, gathered_irradiance, indirect_irradiance, whole }
+    pub fn new(patches: PatchMesh, shadow: Vec<Incident>, gathered: Vec<Incident>, indirect_irradiance: Vec<Rgb>) -> Self {
+        let accepted: Vec<[Rgb; 2]> = shadow.iter().zip(&gathered).map(|(s, g)| [s.accepted, g.accepted]).collect();
+        let parts = accepted.iter().zip(&indirect_irradiance);
+        let whole = parts.zip(&patches.area).map(|(([s, g], i), area)| (*s + *g + *i, *area)).collect();
+        let irradiance = |of: Vec<Incident>| of.into_iter().map(|i| i.irradiance).collect();
+        let (shadow_irradiance, gathered_irradiance) = (irradiance(shadow), irradiance(gathered));
+        Self { patches, shadow_irradiance, gathered_irradiance, indirect_irradiance, accepted, whole }
     }
 
-    /// Irradiance [W/m²] at a surface point by everything but the lamps that shadow rays find.
+    /// Irradiance [W/m²] at a surface point; zero where there is no patch.
+    #[inline]
+    pub fn irradiance(&self, si: &SurfaceInteraction) -> Rgb {
+        self.patches.patch_at(si).map_or(Rgb::BLACK, |id| self.irradiance_of(id.0 as usize))
+    }
+
+    /// Irradiance [W/m²] of patch `i`.
+    pub fn irradiance_of(&self, i: usize) -> Rgb {
+        self.shadow_irradiance[i] + self.gathered_irradiance[i] + self.indirect_irradiance[i]
+    }
+
+    /// Irradiance [W/m²] at a surface point by everything but the lamps that shadow rays find, as its diffuse part accepts it.
     #[inline]
     pub fn rest_irradiance(&self, si: &SurfaceInteraction) -> Rgb {
         self.patches.patch_at(si).map_or(Rgb::BLACK, |id| {
             let i = id.0 as usize;
-            self.gathered_irradiance[i] + self.indirect_irradiance[i]
+            self.accepted[i][1] + self.indirect_irradiance[i]
         })
     }
 
-    /// Whole irradiance at a surface point; zero where there is no patch.
+    /// What is stored for a surface point; zero where there is no patch.
     #[inline]
     pub fn at(&self, si: &SurfaceInteraction) -> Stored {
         self.patches.patch_at(si).map_or(Stored { irradiance: Rgb::BLACK, is_near: false }, |id| {

@@ -5,7 +5,7 @@ pub mod gauss_seidel;
 mod krylov;
 pub mod system;
 
-pub use field::RadiosityField;
+pub use field::{Incident, RadiosityField};
 pub use system::RadiositySystem;
 
 use crate::math::Rgb;

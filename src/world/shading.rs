@@ -77,6 +77,22 @@ impl Shading<'_> {
         if self.has_diffuse() { self.material.diffuse_toward(self.wo, self.si.uv) } else { Rgb::BLACK }
     }
 
+    /// What the diffuse part sends out of light from `direction`, over what it sends out of light that comes from everywhere: 1 for a
+    /// Lambertian surface; a coat lets more in at steep angles than at grazing ones. By reciprocity the albedo towards a
+    /// direction is also that of light from there.
+    #[inline]
+    pub fn acceptance(&self, direction: Vec3) -> Rgb {
+        if self.material.is_lambertian() {
+            return Rgb::WHITE;
+        }
+        let (Some(wi), mean) = (self.to_local(direction), self.material.diffuse_reflectance(self.si.uv)) else {
+            return Rgb::BLACK;
+        };
+        let toward = self.material.diffuse_toward(wi, self.si.uv);
+        let over = |a: f64, b: f64| if b > 0.0 { a / b } else { 1.0 };
+        Rgb::new(over(toward.r, mean.r), over(toward.g, mean.g), over(toward.b, mean.b))
+    }
+
     /// Unit normal that irradiance is about.
     #[inline]
     pub fn normal(&self) -> Vec3 {
