@@ -143,7 +143,7 @@ impl Reader<'_> {
     }
 
     /// An element of a class with all that it holds. `object`, `fill` and `element` call each other as deep as a file nests, so
-    /// what else takes room on the stack has functions of its own.
+    /// what else takes room on the stack has functions of its own, which must not be inlined.
     fn object(&mut self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<Property, LoadError> {
         let (name, mut object) = self.head(node, source)?;
         self.fill(&mut object, node, source, depth)?;
@@ -155,6 +155,7 @@ impl Reader<'_> {
     }
 
     /// An object without its children, and the name under which it is a property.
+    #[inline(never)]
     fn head(&self, node: Node<'_, '_>, source: &Arc<SourceText>) -> Result<(String, Object), LoadError> {
         let mut tag = self.tag(node, source)?;
         let class = Class::ALL.into_iter().find(|c| c.0 == tag.name).ok_or_else(|| unknown_element(&tag))?;
@@ -182,6 +183,7 @@ impl Reader<'_> {
     }
 
     /// False for comments and white space; an error for text, and for an element that lies too deep.
+    #[inline(never)]
     fn is_element(&self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<bool, LoadError> {
         let place = || Place { source: source.clone(), offset: node.range().start };
         let text = node.text().filter(|_| node.is_text()).unwrap_or_default().trim();
@@ -206,6 +208,7 @@ impl Reader<'_> {
     }
 
     /// An element that is no object.
+    #[inline(never)]
     fn plain_element(&mut self, node: Node<'_, '_>, source: &Arc<SourceText>, depth: usize) -> Result<Vec<Property>, LoadError> {
         let name = node.tag_name().name();
         let mut tag = self.tag(node, source)?;
@@ -291,6 +294,7 @@ impl Reader<'_> {
 }
 
 /// Adds properties to an object, each name once.
+#[inline(never)]
 fn add(object: &mut Object, names: &mut HashSet<String>, properties: Vec<Property>) -> Result<(), LoadError> {
     for property in properties {
         if !property.name.is_empty() && !names.insert(property.name.clone()) {
