@@ -1,7 +1,6 @@
 //! Each physical law is a test.
 
 mod accel_conformance;
-mod accel_random;
 mod architecture;
 mod bad_input;
 mod catalogue;
@@ -11,7 +10,6 @@ mod catalogue_meshes;
 mod catalogue_values;
 mod cli;
 mod emitters;
-mod engines;
 mod furnace;
 mod glossy;
 mod invariance;
