@@ -195,33 +195,3 @@ fn the_tree_is_nearly_as_good_as_looking_at_every_light() {
         assert!(by_tree < 1.5 * by_each, "{name}: {by_tree} by the tree, {by_each} by each light");
     }
 }
-
-/// How long four picks take; a figure to look at, no law.
-#[test]
-#[ignore = "a measurement"]
-fn time_of_four_picks() {
-    let lights = mixed(1000);
-    let tree = all(&lights);
-    let at: Vec<_> = receivers(1000).collect();
-    let mut sum = 0;
-    let mut best = f64::INFINITY;
-    for round in 0..100 {
-        let start = std::time::Instant::now();
-        for (point, n) in &at {
-            let view = tree.view(*point, *n);
-            for k in 0..4 {
-                let u = (k as f32 + 0.01 * round as f32) / 4.0;
-                sum += view.pick(u).map_or(0, |p| p.0);
-            }
-        }
-        // The best round: others share the machine.
-        best = best.min(start.elapsed().as_secs_f64() * 1e6 / at.len() as f64);
-    }
-    let start = std::time::Instant::now();
-    let mut total = 0.0;
-    for (point, n) in &at {
-        total += lights.iter().map(|l| l.importance(*point, n.unwrap_or(Vec3::X))).sum::<f64>();
-    }
-    let linear = start.elapsed().as_secs_f64() * 1e6 / at.len() as f64;
-    println!("{best:.3} us for four picks ({sum}); {linear:.3} us to look at every light ({total})");
-}
