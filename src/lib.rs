@@ -18,6 +18,7 @@
 //! [`form_factor`], [`radiosity`], [`integrator`], [`pipeline`].
 
 pub mod accel;
+pub mod experiment;
 pub mod film;
 pub mod form_factor;
 pub mod geometry;
