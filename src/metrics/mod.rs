@@ -4,6 +4,7 @@
 //! correlated, so its mean has no floor from the references and may even be negative. With one reference it is (I−A)².
 //! Everything is computed in f64, per channel, on linear values. The perceptual metric FLIP is not here yet.
 
+pub mod block_test;
 mod bootstrap;
 pub mod false_colour;
 mod window;

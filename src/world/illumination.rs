@@ -11,6 +11,9 @@ use crate::math::{Rgb, Sampler, Vec2, Vec3};
 /// A shadow ray through more plates than this counts as blocked; less than 2 % of the light would be left.
 const MOST_PLATES: u32 = 32;
 
+/// Most lights that are picked at a point, whatever is asked.
+const MOST_PICKS: usize = 16;
+
 /// How many lights are sampled at each point.
 #[derive(Debug, Clone, Copy)]
 pub struct DirectSampling {
@@ -96,8 +99,9 @@ impl World {
             lights.iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
         } else {
             let shift = f64::from(sampler.next_1d());
-            let picks = sampling.lights_per_point;
-            let us: Vec<Vec2> = (0..picks).map(|_| sampler.next_2d()).collect();
+            let picks = sampling.lights_per_point.min(MOST_PICKS);
+            let mut us = [Vec2::ZERO; MOST_PICKS];
+            us.iter_mut().take(picks).for_each(|u| *u = sampler.next_2d());
             self.pick_lights(si.point, receiver, picks, shift, |pick, light, expected| add(light, expected, us[pick]));
         }
         self.partition.distant_lights().iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
@@ -135,13 +139,13 @@ impl World {
         }
         let lights = self.partition.shadow_lights();
         let mut total = 0.0;
-        let running: Vec<f64> = lights
-            .iter()
-            .map(|&light| {
-                total += self.light_importance(light, point, receiver);
-                total
-            })
-            .collect();
+        // Without a tree there are few; no memory is asked for at every point.
+        let mut all = [0.0; super::FEW_LIGHTS];
+        for (running, &light) in all.iter_mut().zip(lights) {
+            total += self.light_importance(light, point, receiver);
+            *running = total;
+        }
+        let running = &all[..lights.len()];
         if total <= 0.0 {
             return;
         }
@@ -163,11 +167,13 @@ impl World {
             return pdf;
         }
         if let Some(tree) = &self.light_tree {
-            return pdf * origin.sampling.lights_per_point as f64 * tree.probability(origin.point, origin.receiver, light);
+            return pdf
+                * origin.sampling.lights_per_point.min(MOST_PICKS) as f64
+                * tree.probability(origin.point, origin.receiver, light);
         }
         let importance = |light: usize| self.light_importance(light, origin.point, origin.receiver);
         let total: f64 = lights.iter().map(|&l| importance(l)).sum();
-        if total > 0.0 { pdf * origin.sampling.lights_per_point as f64 * importance(light) / total } else { 0.0 }
+        if total > 0.0 { pdf * origin.sampling.lights_per_point.min(MOST_PICKS) as f64 * importance(light) / total } else { 0.0 }
     }
 
     /// Share of the light that comes straight along `ray` from its far end: 1 if nothing is in the way, less through thin plates, else 0.

@@ -7,6 +7,7 @@
 
 mod partition_line;
 mod support;
+mod unbiased;
 
 use support::{Case, Shot, rendered};
 use twopass::film::LayerData;

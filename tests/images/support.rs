@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 use twopass::film::io::{Header, read_exr, write_exr, write_png_bytes};
-use twopass::film::{Image, Layer, Mask};
+use twopass::film::{Film, Image, Layer, Mask};
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::integrator::{Method, ReadOut};
 use twopass::load::{LoadOptions, load_scene};
+use twopass::math::SamplerKind;
 use twopass::metrics::{Comparison, Metrics, compare, false_colour};
 use twopass::pipeline::{RenderSettings, Rendered, render};
 use twopass::progress::silent;
@@ -15,6 +16,8 @@ use twopass::run_report::process_cpu_seconds;
 pub struct Shot {
     pub scene: &'static str,
     pub spp: u32,
+    pub seed: u64,
+    pub sampler: SamplerKind,
     pub method: Method,
     pub read_out: Option<ReadOut>,
     pub defines: Vec<(&'static str, &'static str)>,
@@ -25,18 +28,33 @@ pub struct Shot {
 impl Shot {
     /// One sample per pixel by the default method.
     pub fn new(scene: &'static str) -> Self {
-        Self { scene, spp: 1, method: Method::TwoPass, read_out: None, defines: Vec::new(), left_out: None }
+        Self {
+            scene,
+            spp: 1,
+            seed: 0,
+            sampler: SamplerKind::Sobol,
+            method: Method::TwoPass,
+            read_out: None,
+            defines: Vec::new(),
+            left_out: None,
+        }
     }
 }
 
 /// Renders a scene of the project as its file says, but for `shot`.
 pub fn rendered(shot: &Shot) -> Rendered {
+    rendered_with(shot, &mut |_| {})
+}
+
+/// As [`rendered`]; `snapshot` sees the film after every pass.
+pub fn rendered_with(shot: &Shot, snapshot: &mut dyn FnMut(&Film)) -> Rendered {
     let defines = shot.defines.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
     let file = root().join("scenes").join(shot.scene).join("scene.xml");
     let scene = load_scene(&file, &LoadOptions { defines, ..LoadOptions::default() }).expect("the scene loads").scene;
     let budget = Budget { spp: Some(shot.spp), ..Budget::default() };
-    let settings = RenderSettings { method: shot.method, read_out: shot.read_out, budget, ..RenderSettings::default() };
-    render(scene, &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_| {}).expect("renders")
+    let Shot { method, read_out, seed, sampler, .. } = *shot;
+    let settings = RenderSettings { method, read_out, seed, sampler, budget, ..RenderSettings::default() };
+    render(scene, &settings, &Clocks::start(process_cpu_seconds), &mut silent, snapshot).expect("renders")
 }
 
 fn root() -> &'static Path {

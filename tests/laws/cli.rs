@@ -173,6 +173,8 @@ fn wrong_usage_exits_with_2() {
         "render room.xml --crop 20,0,10,10",
         "render room.xml --method metropolis",
         "render room.xml --read-out twice",
+        "render room.xml --method path --read-out stored",
+        "render room.xml --sampler halton",
         "render room.xml --max-depth -7",
         "render room.xml --accel magic",
         "render room.xml --colour",
@@ -204,7 +206,7 @@ fn help_and_lists_go_to_stdout() {
         ("render --help", "--spp"),
         ("--version", env!("CARGO_PKG_VERSION")),
         ("--list-methods", "two-pass-whitted"),
-        ("render --list-methods", "two-pass-whitted"),
+        ("render --list-methods", "path"),
     ] {
         let (out, _) = place.expect(0, line);
         assert!(out.contains(word), "{line}: {out}");

@@ -22,5 +22,6 @@ mod loading_models;
 mod loading_shapes;
 mod material_laws;
 mod patches;
+mod path;
 mod specular;
 mod support;
