@@ -222,12 +222,14 @@ mod tests {
 
     #[test]
     fn noise_without_bias_fails_as_often_as_the_level_says() {
-        let mut p: Vec<f64> = Vec::new();
+        let (mut p, mut failing): (Vec<f64>, usize) = (Vec::new(), 0);
         for seed in 0..4 {
             let test = tested(seed, 0.0);
-            assert!(test.passes(), "seed {seed}: {} pass", test.share_passing());
-            p.extend(test.p_values.iter().flatten());
+            failing += test.failing().count();
+            p.extend(test.p_values.iter().flatten().copied());
         }
+        // Four tests at 0.01: 0.04 failing blocks are expected, more than two of 1024 once in 100,000 times.
+        assert!(failing <= 2, "{failing} of 1024 blocks fail without any bias");
         // 3072 independent p-values, uniform: 4 standard deviations of a share q are 4 sqrt(q(1-q)/3072).
         let n = p.len() as f64;
         for q in [0.05, 0.5, 0.9] {

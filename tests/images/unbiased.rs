@@ -24,11 +24,6 @@ fn path_tracing_is_unbiased_in_the_cornell_box() {
     is_unbiased("cornell-box", 8, 138);
 }
 
-#[test]
-fn path_tracing_is_unbiased_with_mirror_and_glass() {
-    is_unbiased("cornell-glass", 16, 44);
-}
-
 /// Slope of log relmse over log samples, by least squares over powers of two.
 fn slope(sampler: SamplerKind) -> f64 {
     let [a, b] = reference("cornell-box");
