@@ -3,10 +3,12 @@
 mod branches;
 pub mod drive;
 pub mod final_gather;
+pub mod irradiance_cache;
 pub mod whitted;
 
 use crate::film::PixelSample;
 use crate::radiosity::RadiosityField;
+use irradiance_cache::IrradianceCache;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
 use serde::{Deserialize, Serialize};
@@ -121,4 +123,6 @@ pub struct TwoPass<'a> {
     pub field: Option<&'a RadiosityField>,
     /// Settings.
     pub settings: IntegratorSettings,
+    /// Irradiance gathered at few points, read instead of gathering where it reaches.
+    pub cache: Option<&'a IrradianceCache>,
 }
