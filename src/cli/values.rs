@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 use twopass::integrator::{Method, ReadOut};
+use twopass::math::SamplerKind;
 
 /// `name=value`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -99,8 +100,15 @@ pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
         "stored" => Ok(ReadOut::Stored),
         "direct-stored" => Ok(ReadOut::DirectStored),
         "final-gather" => Ok(ReadOut::FinalGather),
-        _ => Err("expected stored, direct-stored or final-gather".to_owned()),
+        "progressive" => Ok(ReadOut::Progressive),
+        _ => Err("expected stored, direct-stored, final-gather or progressive".to_owned()),
     }
+}
+
+/// Parses the name of a sampler.
+pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
+    let names = SamplerKind::ALL.map(SamplerKind::name).join(", ");
+    SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
 /// Name of a read-out, as it is typed.
@@ -109,6 +117,7 @@ pub fn read_out_name(read_out: ReadOut) -> &'static str {
         ReadOut::Stored => "stored",
         ReadOut::DirectStored => "direct-stored",
         ReadOut::FinalGather => "final-gather",
+        ReadOut::Progressive => "progressive",
     }
 }
 

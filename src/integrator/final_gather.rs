@@ -54,7 +54,8 @@ impl TwoPass<'_> {
         for k in 0..rays {
             // Gather rays of one pixel are one sequence over all passes, so that they are stratified among each other.
             let wanted = u64::from(self.settings.gather_rays);
-            let mut sampler = Sampler::new(u64::from(depth), trace.key, trace.index * wanted + u64::from(k));
+            let mut sampler =
+                Sampler::of(self.settings.sampler, u64::from(depth), trace.key, trace.index * wanted + u64::from(k));
             let local = warp::cosine_hemisphere(sampler.next_2d());
             let direction = frame.to_world(local);
             let response = shading.eval(direction).diffuse;
@@ -79,14 +80,7 @@ impl TwoPass<'_> {
     }
 
     /// Radiance along one gather ray: reflected by patches, and emitted.
-    pub(super) fn gathered(
-        &self,
-        ray: Ray,
-        sight: Sight,
-        depth: u32,
-        sampler: &mut Sampler,
-        counts: &mut RayCounts,
-    ) -> Gathered {
+    pub(super) fn gathered(&self, ray: Ray, sight: Sight, depth: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Gathered {
         self.gathered_within(ray, sight, depth, NEAR_LEVELS, sampler, counts)
     }
 

@@ -4,12 +4,11 @@ use super::irradiance_cache::{Gap, IrradianceCache};
 use super::{Frame, Integrator, ReadOut, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
-use crate::math::{Rgb, Sampler, Vec2, sampler::mix};
+use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::sight::balance;
 use crate::world::walk::RayCounts;
 use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
-use rayon::prelude::*;
 
 /// No recursion goes deeper, whatever the scene asks: a closed box of perfect mirrors would never end.
 const DEEPEST: u32 = 512;
@@ -62,43 +61,16 @@ impl<'a> Trace<'a> {
 }
 
 impl Integrator for TwoPass<'_> {
-    fn pass(&self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
-        let mut samples = vec![PixelSample::default(); frame.n_pixels()];
-        let row = frame.crop[2].max(1);
-        let counts = samples
-            .par_chunks_mut(row)
-            .enumerate()
-            .map(|(y, samples)| {
-                let mut counts = RayCounts::default();
-                for (x, sample) in samples.iter_mut().enumerate() {
-                    *sample = self.camera_sample(frame, y * row + x, index, &mut counts);
-                }
-                counts
-            })
-            .reduce(RayCounts::default, |mut a, b| {
-                a += b;
-                a
-            });
-        (samples, counts)
+    fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
+        super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
+            let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
+            self.radiance(&start.ray, Path::START, &mut trace);
+            trace.sample
+        })
     }
 }
 
 impl TwoPass<'_> {
-    fn camera_sample(&self, frame: &Frame, pixel: usize, pass: u32, counts: &mut RayCounts) -> PixelSample {
-        let (x, y) = frame.pixel(pixel);
-        // The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
-        let seed = mix(self.settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
-        let key = (y * frame.width + x) as u64;
-        let index = u64::from(pass / 2);
-        let mut sampler = Sampler::new(seed, key, index);
-        let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-        let ray = self.world.scene().camera.ray(film_point, frame.width, frame.height);
-        counts.camera += 1;
-        let mut trace = Trace::new(sampler, mix(seed ^ key), index, counts);
-        self.radiance(&ray, Path::START, &mut trace);
-        trace.sample
-    }
-
     /// Longest path in edges, bounded.
     fn depth_limit(&self) -> u32 {
         self.settings.max_depth.map_or(DEEPEST, |d| d.min(DEEPEST))
@@ -164,7 +136,14 @@ impl TwoPass<'_> {
             }
             return;
         }
-        let gather_rays = if read_out == ReadOut::FinalGather { self.gather_rays(weight_rho) } else { 0 };
+        let gathers = diffuse_wanted && read_out == ReadOut::FinalGather;
+        let cached = self.cache.filter(|_| gathers).and_then(|cache| cache.read(si.point, shading.normal(), si.shape));
+        // Shadow rays share light with as many gather rays as there are, or as records took them to be.
+        let gather_rays = match cached {
+            Some(_) => self.settings.gather_rays,
+            None if read_out == ReadOut::FinalGather => self.gather_rays(weight_rho),
+            None => 0,
+        };
         let respond = |ray: &ShadowRay| {
             let mut response = shading.eval(ray.direction);
             let cos = ray.direction.dot(shading.normal());
@@ -181,7 +160,7 @@ impl TwoPass<'_> {
             return;
         }
         match (read_out, self.field) {
-            (ReadOut::FinalGather, _) => match self.cache.and_then(|c| c.read(si.point, shading.normal(), si.shape)) {
+            (ReadOut::FinalGather, _) => match cached {
                 Some(found) => {
                     *trace.sample.layer(Quantity::Indirect) += reflect(found.reflected);
                     *trace.sample.layer(Quantity::Caustic) += reflect(found.emitted);

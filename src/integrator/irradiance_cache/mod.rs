@@ -132,10 +132,6 @@ impl Record {
         let change = |c: usize| f64::from(self.translation[c].dot(offset) + self.rotation[c].dot(turn));
         let moved = self.irradiance + Rgb::new(change(0), change(1), change(2));
         let bound = |v: f64, e: f64| v.clamp(0.5 * e, 2.0 * e);
-        Rgb::new(
-            bound(moved.r, self.irradiance.r),
-            bound(moved.g, self.irradiance.g),
-            bound(moved.b, self.irradiance.b),
-        )
+        Rgb::new(bound(moved.r, self.irradiance.r), bound(moved.g, self.irradiance.g), bound(moved.b, self.irradiance.b))
     }
 }
