@@ -19,8 +19,10 @@ use std::ops::ControlFlow;
 const FIRST_ELEMENTS: f64 = 256.0;
 /// Error allowed to its form factors: 128 rays a patch.
 const FIRST_TOLERANCE: f64 = 0.0442;
-/// Elements grow by this factor from one pass one to the next; rays by its root.
+/// Elements grow by this factor from one pass one to the next.
 const GROWTH: f64 = 4.0;
+/// The tolerance of form factors falls by this power of that factor.
+const TOLERANCE_POWER: f64 = 0.125;
 /// No finer pass one than this is made, unless the user asks for one.
 const MOST_ELEMENTS: f64 = 65536.0;
 /// Share of all rays so far that a new pass one may cost.
@@ -28,11 +30,12 @@ const PASS_ONE_SHARE: f64 = 0.35;
 /// Passes of the first round: one for each half.
 const FIRST_PASSES: u32 = 2;
 /// Gather rays of the caches of a round for each camera sample of that round.
-const FILL_SHARE: f64 = 0.75;
-/// Rays of a record in the first round; they grow by the root of two from round to round.
-const FIRST_RAYS: f64 = 96.0;
+const FILL_SHARE: f64 = 1.0;
+/// Rays of a record in the first round; they grow by the fourth root of two from round to round: what a round has more goes into more
+/// records rather than better ones, since what is left of the error is mostly that of interpolation.
+const FIRST_RAYS: f64 = 64.0;
 /// Reach of a record over the mean distance that it sees, in the first round.
-const FIRST_ACCURACY: f64 = 0.6;
+const FIRST_ACCURACY: f64 = 0.4;
 /// Closest records of the first round in pixels.
 const FIRST_CLOSEST: f64 = 3.0;
 /// Closest records of any round in pixels.
@@ -128,13 +131,13 @@ impl<'a> Progressive<'a> {
     /// Replaces pass one by a finer one if it is time.
     fn refine(&mut self) {
         let next = self.pass_one_settings.patches.elements * GROWTH;
-        let cost = self.pass_one_rays as f64 * GROWTH * GROWTH.sqrt();
+        let cost = self.pass_one_rays as f64 * GROWTH * GROWTH.powf(2.0 * TOLERANCE_POWER);
         if next > MOST_ELEMENTS || cost > PASS_ONE_SHARE * rays(&self.counts) as f64 {
             return;
         }
         let mut finer = self.pass_one_settings;
         finer.patches.elements = next;
-        finer.form_factor_tolerance /= GROWTH.sqrt().sqrt();
+        finer.form_factor_tolerance /= GROWTH.powf(TOLERANCE_POWER);
         let mut counts = RayCounts::default();
         let mut go_on = |_: &_| ControlFlow::Continue(());
         // What could be solved coarsely can be finely, but for limits on the number of patches: then the old one stays.
@@ -156,7 +159,7 @@ impl<'a> Progressive<'a> {
     }
 
     fn rays_per_record(&self) -> f64 {
-        (FIRST_RAYS * self.finer()).min(MOST_RAYS)
+        (FIRST_RAYS * self.finer().sqrt()).min(MOST_RAYS)
     }
 
     /// Rays that the cache of one half may cost in this round.
@@ -192,16 +195,6 @@ impl Integrator for Progressive<'_> {
         if self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
             let cache = self.two_pass(None).fill(frame, &settings, &mut counts);
-            if std::env::var("TALK").is_ok() {
-                eprintln!(
-                    "pass {index} round {} records {} rays {} acc {} elements {}",
-                    self.round,
-                    cache.len(),
-                    settings.rays,
-                    settings.accuracy,
-                    self.pass_one_settings.patches.elements
-                );
-            }
             self.caches[half] = Some(cache);
         }
         let (samples, of_pass) = self.two_pass(self.caches[half].as_ref()).pass(frame, index);
