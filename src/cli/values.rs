@@ -100,7 +100,8 @@ pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
         "stored" => Ok(ReadOut::Stored),
         "direct-stored" => Ok(ReadOut::DirectStored),
         "final-gather" => Ok(ReadOut::FinalGather),
-        _ => Err("expected stored, direct-stored or final-gather".to_owned()),
+        "progressive" => Ok(ReadOut::Progressive),
+        _ => Err("expected stored, direct-stored, final-gather or progressive".to_owned()),
     }
 }
 
@@ -116,6 +117,7 @@ pub fn read_out_name(read_out: ReadOut) -> &'static str {
         ReadOut::Stored => "stored",
         ReadOut::DirectStored => "direct-stored",
         ReadOut::FinalGather => "final-gather",
+        ReadOut::Progressive => "progressive",
     }
 }
 

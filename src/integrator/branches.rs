@@ -141,7 +141,13 @@ impl Go<'_> {
         } else {
             trace.counts.reflected += 1;
         }
-        let path = Path { weight: self.path.weight * factor, depth: self.path.depth + 1, survival, sight };
+        let path = Path {
+            weight: self.path.weight * factor,
+            depth: self.path.depth + 1,
+            survival,
+            sight,
+            length: self.path.length + self.si.t,
+        };
         self.two_pass.radiance(&self.si.spawn(direction), path, trace);
     }
 }

@@ -67,7 +67,7 @@ const PASSES_BEFORE_ERROR: u32 = 8;
 
 /// Runs passes until the budget is met or the observer stops it. `snapshot` sees the film after each pass.
 pub fn drive(
-    integrator: &dyn Integrator,
+    integrator: &mut dyn Integrator,
     frame: &Frame,
     budget: &Budget,
     clocks: &Clocks,

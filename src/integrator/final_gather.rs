@@ -21,6 +21,17 @@ use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
 /// How often in a row a gather ray that ends too near is continued, before it reads a patch all the same.
 const NEAR_LEVELS: u32 = 4;
 
+/// What a gather ray brings.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gathered {
+    /// Radiance reflected by patches.
+    pub reflected: Rgb,
+    /// Radiance emitted.
+    pub emitted: Rgb,
+    /// Distance to the first surface; infinite if there is none.
+    pub distance: f32,
+}
+
 impl TwoPass<'_> {
     /// Gather rays at a diffuse part of reflectance `rho` that the camera sees with weight `weight`: a faint one needs fewer.
     pub(super) fn gather_rays(&self, weight_rho: Rgb) -> u32 {
@@ -59,9 +70,9 @@ impl TwoPass<'_> {
                 sampling: self.settings.direct,
             };
             trace.counts.gather += 1;
-            let (a, b) = self.gathered(si.spawn(direction), Sight::Gather(origin), depth, &mut sampler, trace.counts);
-            indirect += response / density * a;
-            caustic += response / density * b;
+            let found = self.gathered(si.spawn(direction), Sight::Gather(origin), depth, &mut sampler, trace.counts);
+            indirect += response / density * found.reflected;
+            caustic += response / density * found.emitted;
         }
         let share = weight / f64::from(rays);
         *trace.sample.layer(Quantity::Indirect) += share * indirect;
@@ -69,14 +80,7 @@ impl TwoPass<'_> {
     }
 
     /// Radiance along one gather ray: reflected by patches, and emitted.
-    pub(super) fn gathered(
-        &self,
-        ray: Ray,
-        sight: Sight,
-        depth: u32,
-        sampler: &mut Sampler,
-        counts: &mut RayCounts,
-    ) -> (Rgb, Rgb) {
+    pub(super) fn gathered(&self, ray: Ray, sight: Sight, depth: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Gathered {
         self.gathered_within(ray, sight, depth, NEAR_LEVELS, sampler, counts)
     }
 
@@ -89,13 +93,17 @@ impl TwoPass<'_> {
         levels: u32,
         sampler: &mut Sampler,
         counts: &mut RayCounts,
-    ) -> (Rgb, Rgb) {
+    ) -> Gathered {
+        let mut distance = f32::INFINITY;
         let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
         self.world.follow(ray, sight, sampler, limit.saturating_sub(depth + 1), counts, |event| match event {
             Event::Surface { at, shading, throughput, through, emission_share } => {
+                if through == 0 {
+                    distance = at.t;
+                }
                 let shape = &scene.shapes[at.shape as usize];
                 if at.front && emission_share > 0.0 {
                     emitted += throughput * shape.emitted(at.uv) * emission_share;
@@ -127,7 +135,7 @@ impl TwoPass<'_> {
         if let Some((si, throughput, through)) = near {
             reflected += throughput * self.near(&si, depth + through + 1, levels - 1, sampler, counts);
         }
-        (reflected, emitted)
+        Gathered { reflected, emitted, distance }
     }
 
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and one gather ray.
@@ -148,8 +156,8 @@ impl TwoPass<'_> {
         let sampling = Shading::IN_PASSING;
         let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling };
         counts.gather += 1;
-        let (a, b) = self.gathered_within(si.spawn(direction), Sight::Gather(origin), depth, levels, sampler, counts);
-        direct + response / density * (a + b)
+        let found = self.gathered_within(si.spawn(direction), Sight::Gather(origin), depth, levels, sampler, counts);
+        direct + response / density * (found.reflected + found.emitted)
     }
 }
 
@@ -168,8 +176,8 @@ impl TwoPass<'_> {
             let density = cosine_density(1.0, local.z);
             let origin = Origin { point: at.point, receiver: Some(at.ns), density, sampling: self.settings.direct };
             let ray = at.spawn(frame.to_world(local));
-            let (reflected, emitted) = self.gathered(ray, Sight::Gather(origin), 0, &mut sampler, trace.counts);
-            rest += (reflected + emitted) * std::f64::consts::PI;
+            let found = self.gathered(ray, Sight::Gather(origin), 0, &mut sampler, trace.counts);
+            rest += (found.reflected + found.emitted) * std::f64::consts::PI;
         }
         let n = samples as f64;
         (direct / n, rest / n, counts)

@@ -3,6 +3,7 @@
 mod branches;
 pub mod drive;
 pub mod final_gather;
+pub mod irradiance_cache;
 pub mod path;
 pub mod whitted;
 
@@ -12,6 +13,7 @@ use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
+use irradiance_cache::IrradianceCache;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +27,8 @@ pub enum ReadOut {
     DirectStored,
     /// Fresh direct light, and rays that gather the radiosity of what they meet.
     FinalGather,
+    /// As final gather, but gathered at few points and read between them where that will do; finer and finer, as is pass one.
+    Progressive,
 }
 
 /// The closed list of methods.
@@ -55,7 +59,9 @@ impl Method {
     /// Light paths carried, in Heckbert's notation, and what is to be said of its error.
     pub fn describe(self) -> &'static str {
         match self {
-            Method::TwoPass => "L(S|D)*E; radiosity, then shadow and gather rays at diffuse hits; error floor set by the patches",
+            Method::TwoPass => {
+                "L(S|D)*E; radiosity, then shadow rays and an irradiance cache that gathers it; both refined as time passes"
+            }
             Method::TwoPassWhitted => {
                 "L(S|D)*E; radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches"
             }
@@ -68,7 +74,7 @@ impl Method {
     /// The read-out it uses unless told otherwise; `None` if it has no first pass to read.
     pub fn read_out(self) -> Option<ReadOut> {
         match self {
-            Method::TwoPass => Some(ReadOut::FinalGather),
+            Method::TwoPass => Some(ReadOut::Progressive),
             Method::TwoPassWhitted => Some(ReadOut::DirectStored),
             Method::Path => None,
         }
@@ -82,7 +88,7 @@ impl Method {
         settings: IntegratorSettings,
     ) -> Box<dyn Integrator + 'a> {
         match self {
-            Method::TwoPass | Method::TwoPassWhitted => Box::new(TwoPass { world, field, settings }),
+            Method::TwoPass | Method::TwoPassWhitted => Box::new(TwoPass { world, field, settings, cache: None }),
             Method::Path => Box::new(path::PathTracer { world, settings }),
         }
     }
@@ -136,7 +142,7 @@ impl Frame {
 /// A method at work: adds passes of one sample per pixel. Never loops over time, prints or saves.
 pub trait Integrator: Sync {
     /// The samples of pass `index` for all pixels of `frame`, and the rays they cost.
-    fn pass(&self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
+    fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
 }
 
 /// Where a camera sample starts.
@@ -202,4 +208,6 @@ pub struct TwoPass<'a> {
     pub field: Option<&'a RadiosityField>,
     /// Settings.
     pub settings: IntegratorSettings,
+    /// Irradiance gathered at few points, read instead of gathering where it reaches.
+    pub cache: Option<&'a IrradianceCache>,
 }

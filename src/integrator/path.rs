@@ -31,7 +31,7 @@ pub struct PathTracer<'a> {
 }
 
 impl Integrator for PathTracer<'_> {
-    fn pass(&self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
+    fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
             let mut sampler = start.sampler;
             self.radiance(start.ray, &mut sampler, counts)

@@ -1,5 +1,6 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
+use super::irradiance_cache::{Gap, IrradianceCache};
 use super::{Frame, Integrator, ReadOut, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
@@ -23,11 +24,13 @@ pub(super) struct Path {
     pub survival: f64,
     /// Which emission along the ray is its to count.
     pub sight: Sight,
+    /// Length from the camera to where the ray starts [m].
+    pub length: f32,
 }
 
 impl Path {
     /// A ray from the camera.
-    pub const START: Path = Path { weight: Rgb::WHITE, depth: 0, survival: 1.0, sight: Sight::Alone };
+    pub const START: Path = Path { weight: Rgb::WHITE, depth: 0, survival: 1.0, sight: Sight::Alone, length: 0.0 };
 }
 
 /// What one camera sample carries along its recursion.
@@ -39,16 +42,26 @@ pub(super) struct Trace<'a> {
     pub index: u64,
     pub counts: &'a mut RayCounts,
     pub sample: PixelSample,
+    /// Where an irradiance cache is being filled: nothing is lit then, gaps are noted.
+    pub collect: Option<Collect<'a>>,
+}
+
+/// Places that lack a record.
+pub(super) struct Collect<'a> {
+    pub cache: &'a IrradianceCache,
+    /// Width of a pixel at distance 1.
+    pub per_distance: f32,
+    pub gaps: Vec<Gap>,
 }
 
 impl<'a> Trace<'a> {
     pub fn new(sampler: Sampler, key: u64, index: u64, counts: &'a mut RayCounts) -> Self {
-        Self { sampler, key, index, counts, sample: PixelSample::default() }
+        Self { sampler, key, index, counts, sample: PixelSample::default(), collect: None }
     }
 }
 
 impl Integrator for TwoPass<'_> {
-    fn pass(&self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
+    fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
             let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
             self.radiance(&start.ray, Path::START, &mut trace);
@@ -117,7 +130,20 @@ impl TwoPass<'_> {
         if depth + 2 > limit || !(diffuse_wanted || shading.has_glossy()) {
             return;
         }
-        let gather_rays = if read_out == ReadOut::FinalGather { self.gather_rays(weight_rho) } else { 0 };
+        if let Some(collect) = &mut trace.collect {
+            if diffuse_wanted && read_out == ReadOut::FinalGather && !collect.cache.has(si, shading.normal()) {
+                collect.gaps.push(Gap { si: *si, pixel: collect.per_distance * (path.length + si.t) });
+            }
+            return;
+        }
+        let gathers = diffuse_wanted && read_out == ReadOut::FinalGather;
+        let cached = self.cache.filter(|_| gathers).and_then(|cache| cache.read(si.point, shading.normal(), si.shape));
+        // Shadow rays share light with as many gather rays as there are, or as records took them to be.
+        let gather_rays = match cached {
+            Some(_) => self.settings.gather_rays,
+            None if read_out == ReadOut::FinalGather => self.gather_rays(weight_rho),
+            None => 0,
+        };
         let respond = |ray: &ShadowRay| {
             let mut response = shading.eval(ray.direction);
             let cos = ray.direction.dot(shading.normal());
@@ -134,7 +160,13 @@ impl TwoPass<'_> {
             return;
         }
         match (read_out, self.field) {
-            (ReadOut::FinalGather, _) => self.gather(si, shading, weight, depth, gather_rays, trace),
+            (ReadOut::FinalGather, _) => match cached {
+                Some(found) => {
+                    *trace.sample.layer(Quantity::Indirect) += reflect(found.reflected);
+                    *trace.sample.layer(Quantity::Caustic) += reflect(found.emitted);
+                }
+                None => self.gather(si, shading, weight, depth, gather_rays, trace),
+            },
             (_, Some(field)) => *trace.sample.layer(Quantity::Indirect) += reflect(field.rest_irradiance(si)),
             (_, None) => {}
         }

@@ -30,8 +30,10 @@ pub struct PatchId(pub u32);
 /// How finely the scene is cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PatchSettings {
-    /// Edge length of a patch in scene units; `None`: chosen so that the scene's area makes about [`DEFAULT_ELEMENTS`].
+    /// Edge length of a patch in scene units; `None`: chosen so that the scene's area makes about `elements`.
     pub patch_size: Option<f64>,
+    /// Elements that the patch size aims at unless it is given.
+    pub elements: f64,
     /// More elements than this are refused before they are made.
     pub max_patches: usize,
 }
@@ -42,7 +44,7 @@ pub const DEFAULT_ELEMENTS: f64 = 4000.0;
 
 impl Default for PatchSettings {
     fn default() -> Self {
-        Self { patch_size: None, max_patches: 400_000 }
+        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 400_000 }
     }
 }
 
@@ -131,7 +133,7 @@ impl PatchMesh {
     pub fn build(world: &World, settings: &PatchSettings) -> Result<PatchMesh, PatchError> {
         let relevant: Vec<bool> = world.scene().shapes.iter().map(|s| needs_patches(world, s)).collect();
         let total: f64 = world.scene().shapes.iter().zip(&relevant).filter(|(_, r)| **r).map(|(s, _)| s.area()).sum();
-        let patch_size = settings.patch_size.unwrap_or_else(|| (total / DEFAULT_ELEMENTS).sqrt());
+        let patch_size = settings.patch_size.unwrap_or_else(|| (total / settings.elements).sqrt());
         let estimate = total / (patch_size * patch_size);
         if estimate > settings.max_patches as f64 {
             return Err(PatchError::TooMany { patch_size, estimate, limit: settings.max_patches });

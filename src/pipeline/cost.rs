@@ -27,4 +27,15 @@ impl StageCosts {
         self.stages.push(StageCost { stage, time: watch.elapsed() });
         result
     }
+
+    /// Adds stages that ran inside the last one recorded, and takes their time from it.
+    pub fn move_from_last(&mut self, inner: StageCosts) {
+        if let Some(last) = self.stages.last_mut() {
+            for cost in &inner.stages {
+                last.time.wall_s -= cost.time.wall_s;
+                last.time.cpu_s -= cost.time.cpu_s;
+            }
+        }
+        self.stages.extend(inner.stages);
+    }
 }

@@ -3,6 +3,7 @@
 pub mod cost;
 pub mod pass_one;
 pub mod probe;
+mod progressive;
 
 pub use cost::{StageCost, StageCosts};
 pub use pass_one::{PassOne, PassOneSettings};
@@ -19,6 +20,7 @@ use crate::radiosity::SolveError;
 use crate::scene::Scene;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
+use progressive::Progressive;
 
 /// Everything that a render depends on besides the scene.
 #[derive(Debug, Clone)]
@@ -196,16 +198,26 @@ pub fn render_world(
     let read_out = settings.read_out()?;
     let mut counts = RayCounts::default();
     // A path of two edges or fewer never meets a second diffuse surface.
+    let progressive = read_out == Some(ReadOut::Progressive);
     let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
-    let pass_one = if needs_pass_one {
-        Some(pass_one::solve(&world, &settings.pass_one, settings.seed, &mut watch, &mut counts, observer)?)
+    let first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
+    let mut pass_one = if needs_pass_one {
+        Some(pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer)?)
     } else {
         None
     };
+    if let (true, Some(pass_one)) = (progressive, pass_one.take()) {
+        let mut method = Progressive::new(&world, settings, settings.integrator(max_depth)?, pass_one, counts);
+        let driven = watch.time(Stage::Render, || drive(&mut method, &frame, &budget, clocks, observer, snapshot));
+        let counts = method.counts;
+        let pass_one = Some(method.finish(&mut watch));
+        let Driven { film, complete, .. } = driven;
+        return Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world });
+    }
     let field = pass_one.as_ref().map(|p| &p.field);
-    let integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?);
+    let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?);
     let Driven { film, counts: pass_two, complete } =
-        watch.time(Stage::Render, || drive(&*integrator, &frame, &budget, clocks, observer, snapshot));
+        watch.time(Stage::Render, || drive(&mut *integrator, &frame, &budget, clocks, observer, snapshot));
     counts += pass_two;
     drop(integrator);
     Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world })

@@ -1,0 +1,147 @@
+//! One record: irradiance and its gradients from a hemisphere of rays in rings and sectors [Ward92].
+
+use super::Record;
+use crate::integrator::TwoPass;
+use crate::math::{Frame, Rgb, Sampler, Vec3};
+use crate::world::sight::{Origin, cosine_density};
+use crate::world::walk::RayCounts;
+use crate::world::{Sight, SurfaceInteraction};
+use std::f64::consts::{PI, TAU};
+
+/// How records are gathered.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GatherSettings {
+    /// Rays of a record, about.
+    pub rays: u32,
+    /// Distance up to which no other record is placed, over the harmonic mean of the distances seen.
+    pub accuracy: f32,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// What one ray of the hemisphere found.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// Radiance, as the diffuse part accepts it.
+    radiance: Rgb,
+    /// Part of it that is emission.
+    emitted: Rgb,
+    /// One over the distance to what was seen; 0 for what is infinitely far.
+    nearness: f64,
+}
+
+impl TwoPass<'_> {
+    /// Irradiance at `si` and around it. `reach` bounds how far it may hold [m], from below and above.
+    pub(super) fn gather_record(
+        &self,
+        si: &SurfaceInteraction,
+        key: u64,
+        settings: &GatherSettings,
+        reach: [f32; 2],
+        counts: &mut RayCounts,
+    ) -> Record {
+        let shading = self.world.shading(si);
+        let frame = Frame::new(shading.normal());
+        let rings = ((f64::from(settings.rays) / PI).sqrt().round() as usize).max(3);
+        let sectors = (PI * rings as f64).round() as usize;
+        let mut seen = Vec::with_capacity(rings * sectors);
+        for j in 0..rings {
+            for k in 0..sectors {
+                let mut sampler = Sampler::new(settings.seed, key, (j * sectors + k) as u64);
+                let u = sampler.next_2d();
+                let sin2 = (j as f64 + f64::from(u.x)) / rings as f64;
+                let phi = TAU * (k as f64 + f64::from(u.y)) / sectors as f64;
+                let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(1e-6).sqrt());
+                let local = Vec3::new((sin * phi.cos()) as f32, (sin * phi.sin()) as f32, cos as f32);
+                let direction = frame.to_world(local);
+                let origin = Origin {
+                    point: si.point,
+                    receiver: shading.receiver(),
+                    density: cosine_density(f64::from(self.settings.gather_rays), local.z),
+                    sampling: self.settings.direct,
+                };
+                // Bent normals look below the face itself, where nothing arrives.
+                if direction.dot(si.ng) <= 0.0 {
+                    seen.push(Seen { radiance: Rgb::BLACK, emitted: Rgb::BLACK, nearness: 0.0 });
+                    continue;
+                }
+                counts.gather += 1;
+                let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
+                let acceptance = shading.acceptance(direction);
+                seen.push(Seen {
+                    radiance: (found.reflected + found.emitted) * acceptance,
+                    emitted: found.emitted * acceptance,
+                    nearness: 1.0 / f64::from(found.distance).max(1e-30),
+                });
+            }
+        }
+        self.record_of(si, &frame, &seen, rings, settings.accuracy, reach)
+    }
+
+    fn record_of(
+        &self,
+        si: &SurfaceInteraction,
+        frame: &Frame,
+        seen: &[Seen],
+        rings: usize,
+        accuracy: f32,
+        reach: [f32; 2],
+    ) -> Record {
+        let n = seen.len() as f64;
+        let irradiance: Rgb = seen.iter().map(|s| s.radiance).sum::<Rgb>() * (PI / n);
+        let emitted: Rgb = seen.iter().map(|s| s.emitted).sum::<Rgb>() * (PI / n);
+        let share = |e: f64, h: f64| if h > 0.0 { e / h } else { 0.0 };
+        let emitted_share =
+            Rgb::new(share(emitted.r, irradiance.r), share(emitted.g, irradiance.g), share(emitted.b, irradiance.b));
+        let (rotation, translation) = gradients(frame, seen, rings);
+        let mean_nearness = seen.iter().map(|s| s.nearness).sum::<f64>() / n;
+        let harmonic = (1.0 / mean_nearness.max(1e-30)) as f32;
+        // Where irradiance changes fast, a record holds less far.
+        let steepest = translation.iter().map(|g| g.length_squared()).sum::<f32>().sqrt();
+        let level = (irradiance.r.powi(2) + irradiance.g.powi(2) + irradiance.b.powi(2)).sqrt() as f32;
+        let by_gradient = if steepest > 0.0 { level / steepest } else { f32::INFINITY };
+        let reach = (accuracy * harmonic.min(by_gradient)).clamp(reach[0], reach[1]);
+        Record { point: si.point, normal: frame.n, shape: si.shape, reach, irradiance, emitted_share, translation, rotation }
+    }
+}
+
+/// Rotation and translation gradients per channel, in world axes: [Ward92], equations for a hemisphere of rings and sectors of equal
+/// projected solid angle.
+fn gradients(frame: &Frame, seen: &[Seen], rings: usize) -> ([Vec3; 3], [Vec3; 3]) {
+    let sectors = seen.len() / rings;
+    let at = |j: usize, k: usize| seen[j * sectors + k % sectors];
+    let edge_sin2 = |j: usize| j as f64 / rings as f64;
+    let mut rotation = [[0.0_f64; 2]; 3];
+    let mut translation = [[0.0_f64; 2]; 3];
+    for k in 0..sectors {
+        let middle = TAU * (k as f64 + 0.5) / sectors as f64;
+        let border = TAU * k as f64 / sectors as f64;
+        let (u, v) = ([middle.cos(), middle.sin()], [-middle.sin(), middle.cos()]);
+        let v_border = [-border.sin(), border.cos()];
+        let (mut turned, mut radial, mut across) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
+        for j in 0..rings {
+            let here = at(j, k);
+            let sin2 = (j as f64 + 0.5) / rings as f64;
+            turned += here.radiance * (sin2 / (1.0 - sin2)).sqrt();
+            if j > 0 {
+                let inner = at(j - 1, k);
+                let (s2, near) = (edge_sin2(j), here.nearness.max(inner.nearness));
+                radial += (here.radiance - inner.radiance) * (s2.sqrt() * (1.0 - s2) * near);
+            }
+            let beside = at(j, k + sectors - 1);
+            let width = edge_sin2(j + 1).sqrt() - edge_sin2(j).sqrt();
+            across += (here.radiance - beside.radiance) * (width * here.nearness.max(beside.nearness));
+        }
+        for (c, (t, (r, a))) in
+            turned.to_array().into_iter().zip(radial.to_array().into_iter().zip(across.to_array())).enumerate()
+        {
+            for axis in 0..2 {
+                rotation[c][axis] += v[axis] * t;
+                translation[c][axis] += u[axis] * r * TAU / sectors as f64 + v_border[axis] * a;
+            }
+        }
+    }
+    let scale = PI / seen.len() as f64;
+    let world = |g: [f64; 2], by: f64| frame.s * (g[0] * by) as f32 + frame.t * (g[1] * by) as f32;
+    (rotation.map(|g| world(g, scale)), translation.map(|g| world(g, 1.0)))
+}
