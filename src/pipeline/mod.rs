@@ -3,6 +3,7 @@
 pub mod cost;
 pub mod pass_one;
 pub mod probe;
+pub mod surface_points;
 
 pub use cost::{StageCost, StageCosts};
 pub use pass_one::{PassOne, PassOneSettings};
@@ -10,7 +11,7 @@ pub use pass_one::{PassOne, PassOneSettings};
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
-use crate::integrator::drive::{Budget, Clocks, Driven, drive};
+use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
 use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut, TwoPass};
 use crate::patch::PatchError;
 use crate::progress::{Observer, Stage};
@@ -131,7 +132,7 @@ pub fn render(
     settings: &RenderSettings,
     clocks: &Clocks,
     observer: &mut Observer<'_>,
-    snapshot: &mut dyn FnMut(&Film),
+    snapshot: &mut Snapshot<'_>,
 ) -> Result<Rendered, PipelineError> {
     let mut watch = StageCosts::default();
     frame_of(&scene, settings)?;
@@ -149,7 +150,7 @@ pub fn render_world(
     clocks: &Clocks,
     mut watch: StageCosts,
     observer: &mut Observer<'_>,
-    snapshot: &mut dyn FnMut(&Film),
+    snapshot: &mut Snapshot<'_>,
 ) -> Result<Rendered, PipelineError> {
     let scene = world.scene();
     let frame = frame_of(scene, settings)?;
@@ -180,6 +181,7 @@ pub fn render_world(
     };
     let Driven { film, counts: pass_two, complete } =
         watch.time(Stage::Render, || drive(&integrator, &frame, &budget, clocks, observer, snapshot));
+    watch.take_off(Stage::Render, clocks.excluded());
     counts += pass_two;
     Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world })
 }

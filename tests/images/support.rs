@@ -36,7 +36,7 @@ pub fn rendered(shot: &Shot) -> Rendered {
     let scene = load_scene(&file, &LoadOptions { defines, ..LoadOptions::default() }).expect("the scene loads").scene;
     let budget = Budget { spp: Some(shot.spp), ..Budget::default() };
     let settings = RenderSettings { method: shot.method, read_out: shot.read_out, budget, ..RenderSettings::default() };
-    render(scene, &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_| {}).expect("renders")
+    render(scene, &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {}).expect("renders")
 }
 
 fn root() -> &'static Path {
