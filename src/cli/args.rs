@@ -318,7 +318,8 @@ pub struct CompareArgs {
 #[derive(Debug, clap::Args)]
 pub struct ExperimentArgs {
     /// The plan: scenes, methods, budgets, seeds (TOML; see benches/plans)
-    pub plan: PathBuf,
+    #[arg(value_name = "PLAN.toml")]
+    pub plan_file: PathBuf,
     /// Folder for rows.csv, pictures, reports and the page; an experiment that was stopped goes on there
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,

@@ -18,7 +18,7 @@ pub fn run(common: &Common, args: &ExperimentArgs) -> Result<(), Failure> {
     }
     let interrupt = Interrupt::listen();
     let defines: Vec<(String, String)> = args.define.iter().map(|d| (d.name.clone(), d.value.clone())).collect();
-    let mut plan = Plan::read(&args.plan, &Reading { defines: &defines, judge: &judge, succeeds: &succeeds })?;
+    let mut plan = Plan::read(&args.plan_file, &Reading { defines: &defines, judge: &judge, succeeds: &succeeds })?;
     if common.threads != 0 {
         plan.threads = common.threads;
     }
