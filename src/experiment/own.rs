@@ -81,6 +81,7 @@ pub fn measure(row: &mut Row, report: &RunReport) {
     row.load_cpu_s = cpu(of(&|name| name == "load")).unwrap_or(0.0);
     row.tree_cpu_s = cpu(of(&|name| name == "tree"));
     row.pass_one_cpu_s = cpu(of(&|name| !NOT_PASS_ONE.contains(&name)));
+    row.solve_cpu_s = cpu(of(&|name| name == "solve"));
     row.pass_two_cpu_s = cpu(of(&|name| name == "render"));
     row.spp = report.samples_per_pixel;
     let is_ray = |name: &&String| name.ends_with("_rays") && *name != "truncated_rays";

@@ -65,6 +65,9 @@ pub struct Row {
     pub tree_cpu_s: Option<f64>,
     /// CPU seconds of pass one: patches, direct light, form factors, solve; empty if there is none.
     pub pass_one_cpu_s: Option<f64>,
+    /// CPU seconds of the solver within pass one; empty if there is none.
+    #[serde(default)]
+    pub solve_cpu_s: Option<f64>,
     /// CPU seconds of pass two.
     pub pass_two_cpu_s: Option<f64>,
     /// Rays of all kinds; empty if the method does not tell.
