@@ -5,12 +5,13 @@
 
 use super::values::{
     Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
-    parse_whole,
+    parse_sampler, parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use twopass::accel::AccelKind;
 use twopass::integrator::{Method, ReadOut};
+use twopass::math::SamplerKind;
 
 /// Hybrid two-pass global illumination: radiosity over meshed patches, then Whitted ray tracing that gathers it.
 #[derive(Debug, Parser)]
@@ -144,6 +145,9 @@ pub struct PassTwoArgs {
     /// How pass two reads pass one: stored, direct-stored, final-gather; default: as the method does
     #[arg(long, value_name = "HOW", value_parser = parse_read_out, help_heading = "Pass two")]
     pub read_out: Option<ReadOut>,
+    /// How samples of one pixel lie among each other: sobol (stratified), independent
+    #[arg(long, value_name = "KIND", default_value = "sobol", value_parser = parse_sampler, help_heading = "Pass two")]
+    pub sampler: SamplerKind,
     /// Longest light path in edges; -1: unlimited; default: the scene's
     #[arg(long, value_name = "N", value_parser = parse_depth, allow_negative_numbers = true, help_heading = "Pass two")]
     pub max_depth: Option<Depth>,

@@ -124,7 +124,7 @@ impl Failure {
             Failure::Picture(_) | Failure::Metrics(_) | Failure::Table { .. } | Failure::Plan(_) | Failure::Input { .. } => INPUT,
             Failure::Pipeline(error) => match error {
                 PipelineError::Accel(AccelError::TooManyPrimitives { .. }) | PipelineError::Patch(_) => LIMIT,
-                PipelineError::Accel(_) | PipelineError::Crop(..) => USAGE,
+                PipelineError::Accel(_) | PipelineError::Crop(..) | PipelineError::NoFirstPass(_) => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Stopped => INTERNAL,
             },

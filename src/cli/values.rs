@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 use twopass::integrator::{Method, ReadOut};
+use twopass::math::SamplerKind;
 
 /// `name=value`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -101,6 +102,12 @@ pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
         "final-gather" => Ok(ReadOut::FinalGather),
         _ => Err("expected stored, direct-stored or final-gather".to_owned()),
     }
+}
+
+/// Parses the name of a sampler.
+pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
+    let names = SamplerKind::ALL.map(SamplerKind::name).join(", ");
+    SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
 /// Name of a read-out, as it is typed.

@@ -43,7 +43,8 @@ impl TwoPass<'_> {
         for k in 0..rays {
             // Gather rays of one pixel are one sequence over all passes, so that they are stratified among each other.
             let wanted = u64::from(self.settings.gather_rays);
-            let mut sampler = Sampler::new(u64::from(depth), trace.key, trace.index * wanted + u64::from(k));
+            let mut sampler =
+                Sampler::of(self.settings.sampler, u64::from(depth), trace.key, trace.index * wanted + u64::from(k));
             let local = warp::cosine_hemisphere(sampler.next_2d());
             let direction = frame.to_world(local);
             let response = shading.eval(direction).diffuse;

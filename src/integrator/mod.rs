@@ -3,12 +3,16 @@
 mod branches;
 pub mod drive;
 pub mod final_gather;
+pub mod path;
 pub mod whitted;
 
 use crate::film::PixelSample;
+use crate::geometry::Ray;
+use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// How pass two reads pass one at a diffuse surface.
@@ -31,17 +35,20 @@ pub enum Method {
     TwoPass,
     /// Both passes as in the classic papers: Whitted's recursion, shadow rays, stored radiosity.
     TwoPassWhitted,
+    /// Path tracing: no first pass.
+    Path,
 }
 
 impl Method {
     /// All methods, in the order of `--list-methods`.
-    pub const ALL: [Method; 2] = [Method::TwoPass, Method::TwoPassWhitted];
+    pub const ALL: [Method; 3] = [Method::TwoPass, Method::TwoPassWhitted, Method::Path];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Method::TwoPass => "two-pass",
             Method::TwoPassWhitted => "two-pass-whitted",
+            Method::Path => "path",
         }
     }
 
@@ -52,14 +59,31 @@ impl Method {
             Method::TwoPassWhitted => {
                 "L(S|D)*E; radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches"
             }
+            Method::Path => {
+                "L(S|D)*E; one random path a sample, no first pass; no bias, only noise; poor at caustics of small lamps"
+            }
         }
     }
 
-    /// The read-out it uses unless told otherwise.
-    pub fn read_out(self) -> ReadOut {
+    /// The read-out it uses unless told otherwise; `None` if it has no first pass to read.
+    pub fn read_out(self) -> Option<ReadOut> {
         match self {
-            Method::TwoPass => ReadOut::FinalGather,
-            Method::TwoPassWhitted => ReadOut::DirectStored,
+            Method::TwoPass => Some(ReadOut::FinalGather),
+            Method::TwoPassWhitted => Some(ReadOut::DirectStored),
+            Method::Path => None,
+        }
+    }
+
+    /// The method at work on a scene. `field` is there if the method reads one and some path is long enough to need it.
+    pub fn integrator<'a>(
+        self,
+        world: &'a World,
+        field: Option<&'a RadiosityField>,
+        settings: IntegratorSettings,
+    ) -> Box<dyn Integrator + 'a> {
+        match self {
+            Method::TwoPass | Method::TwoPassWhitted => Box::new(TwoPass { world, field, settings }),
+            Method::Path => Box::new(path::PathTracer { world, settings }),
         }
     }
 }
@@ -67,7 +91,7 @@ impl Method {
 /// What pass two needs to know besides the scene.
 #[derive(Debug, Clone, Copy)]
 pub struct IntegratorSettings {
-    /// How pass one is read.
+    /// How pass one is read, by methods that do.
     pub read_out: ReadOut,
     /// Longest light path in edges; 1 sees emitters, 2 direct light. `None`: unlimited.
     pub max_depth: Option<u32>,
@@ -77,6 +101,8 @@ pub struct IntegratorSettings {
     pub direct: DirectSampling,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// How samples of one pixel lie among each other.
+    pub sampler: SamplerKind,
 }
 
 /// Size of the picture and the part of it that is rendered.
@@ -111,6 +137,61 @@ impl Frame {
 pub trait Integrator: Sync {
     /// The samples of pass `index` for all pixels of `frame`, and the rays they cost.
     fn pass(&self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
+}
+
+/// Where a camera sample starts.
+struct Start {
+    /// Its ray.
+    ray: Ray,
+    /// Random numbers; the place on the film has been taken from it.
+    sampler: Sampler,
+    /// Seed of the half of the film that the pass belongs to.
+    seed: u64,
+    /// Index of the pixel in the whole picture.
+    key: u64,
+    /// Index of the pass within its half.
+    index: u64,
+}
+
+/// Pass `pass` over all pixels of `frame`: one camera sample each, traced by `trace`.
+///
+/// The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
+fn each_pixel(
+    world: &World,
+    settings: &IntegratorSettings,
+    frame: &Frame,
+    pass: u32,
+    trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
+) -> (Vec<PixelSample>, RayCounts) {
+    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
+    let index = u64::from(pass / 2);
+    let camera = &world.scene().camera;
+    let start = |pixel: usize| {
+        let (x, y) = frame.pixel(pixel);
+        let key = (y * frame.width + x) as u64;
+        let mut sampler = Sampler::of(settings.sampler, seed, key, index);
+        let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
+        let ray = camera.ray(film_point, frame.width, frame.height);
+        Start { ray, sampler, seed, key, index }
+    };
+    let mut samples = vec![PixelSample::default(); frame.n_pixels()];
+    let row = frame.crop[2].max(1);
+    let counts = samples
+        .par_chunks_mut(row)
+        .enumerate()
+        .map(|(y, samples)| {
+            let mut counts = RayCounts::default();
+            for (x, sample) in samples.iter_mut().enumerate() {
+                counts.camera += 1;
+                *sample = trace(start(y * row + x), &mut counts);
+            }
+            counts
+        })
+        .reduce(RayCounts::default, |mut a, b| {
+            a += b;
+            a
+        });
+    (samples, counts)
 }
 
 /// Both passes over one field.

@@ -3,12 +3,11 @@
 use super::{Frame, Integrator, ReadOut, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
-use crate::math::{Rgb, Sampler, Vec2, sampler::mix};
+use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::sight::balance;
 use crate::world::walk::RayCounts;
 use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
-use rayon::prelude::*;
 
 /// No recursion goes deeper, whatever the scene asks: a closed box of perfect mirrors would never end.
 const DEEPEST: u32 = 512;
@@ -50,42 +49,15 @@ impl<'a> Trace<'a> {
 
 impl Integrator for TwoPass<'_> {
     fn pass(&self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
-        let mut samples = vec![PixelSample::default(); frame.n_pixels()];
-        let row = frame.crop[2].max(1);
-        let counts = samples
-            .par_chunks_mut(row)
-            .enumerate()
-            .map(|(y, samples)| {
-                let mut counts = RayCounts::default();
-                for (x, sample) in samples.iter_mut().enumerate() {
-                    *sample = self.camera_sample(frame, y * row + x, index, &mut counts);
-                }
-                counts
-            })
-            .reduce(RayCounts::default, |mut a, b| {
-                a += b;
-                a
-            });
-        (samples, counts)
+        super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
+            let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
+            self.radiance(&start.ray, Path::START, &mut trace);
+            trace.sample
+        })
     }
 }
 
 impl TwoPass<'_> {
-    fn camera_sample(&self, frame: &Frame, pixel: usize, pass: u32, counts: &mut RayCounts) -> PixelSample {
-        let (x, y) = frame.pixel(pixel);
-        // The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
-        let seed = mix(self.settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
-        let key = (y * frame.width + x) as u64;
-        let index = u64::from(pass / 2);
-        let mut sampler = Sampler::new(seed, key, index);
-        let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-        let ray = self.world.scene().camera.ray(film_point, frame.width, frame.height);
-        counts.camera += 1;
-        let mut trace = Trace::new(sampler, mix(seed ^ key), index, counts);
-        self.radiance(&ray, Path::START, &mut trace);
-        trace.sample
-    }
-
     /// Longest path in edges, bounded.
     fn depth_limit(&self) -> u32 {
         self.settings.max_depth.map_or(DEEPEST, |d| d.min(DEEPEST))

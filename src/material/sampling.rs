@@ -148,7 +148,11 @@ impl Material {
             (pdf > 0.0 && weight.is_finite()).then_some(BsdfSample { wi, weight, pdf, delta: false, eta })
         };
         match self {
-            Material::Diffuse { .. } => (wo.z > 0.0).then(|| spread(warp::cosine_hemisphere(u), 1.0)).flatten(),
+            Material::Diffuse { reflectance } => (wo.z > 0.0).then(|| {
+                // What `spread` would find, the cosines cancelled.
+                let wi = warp::cosine_hemisphere(u);
+                BsdfSample { wi, weight: reflectance.at(uv), pdf: cosine_pdf(wi.as_dvec3()), delta: false, eta: 1.0 }
+            }),
             Material::RoughConductor(metal) => metal.sample(o, uv, u.as_dvec2()).and_then(|(wi, _)| spread(wi.as_vec3(), 1.0)),
             Material::RoughDielectric(glass) => {
                 glass.sample(o, uv, u.as_dvec2(), choice.into()).and_then(|d| spread(d.wi.as_vec3(), d.eta))
@@ -196,6 +200,12 @@ impl Material {
             Material::TwoSided(inner) if wo.z < 0.0 => inner.sample(turned(wo), uv, u, choice).map(BsdfSample::turned),
             Material::TwoSided(inner) => inner.sample(wo, uv, u, choice),
         }
+    }
+
+    /// True if [`Self::sample`] looks at its `choice`.
+    #[inline]
+    pub fn needs_choice(&self) -> bool {
+        !matches!(self, Material::Diffuse { .. } | Material::RoughConductor(_) | Material::Conductor { .. } | Material::Null)
     }
 
     /// One of the ideal directions of a single boundary, chosen by its Fresnel factor alone, tints left aside.

@@ -1,16 +1,45 @@
 //! Random numbers as a pure function of seed, pixel (or patch), sample index and dimension.
 //!
-//! Owen-scrambled Sobol points ([Burley20], crate `sobol_burley`). The crate has 2^16 samples and 256 dimensions; beyond either
-//! border the scrambling seed is hashed anew, so that an independent scrambling of the same sequence goes on.
+//! By default Owen-scrambled Sobol points ([Burley20], crate `sobol_burley`). The crate has 2^16 samples and 256 dimensions; beyond either
+//! border the scrambling seed is hashed anew, so that an independent scrambling of the same sequence goes on. [`SamplerKind::Independent`] is for comparisons with renderers that sample so.
 
 use super::Vec2;
 
 const SAMPLES: u32 = 1 << 16;
+/// 2^64 over the golden ratio, odd: the step of SplitMix64.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 const SETS: u32 = sobol_burley::NUM_DIMENSION_SETS_4D;
+
+/// How the samples of one key lie among each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SamplerKind {
+    /// Stratified: Owen-scrambled Sobol points.
+    #[default]
+    Sobol,
+    /// Independent of each other.
+    Independent,
+}
+
+impl SamplerKind {
+    /// All kinds, the default first.
+    pub const ALL: [SamplerKind; 2] = [SamplerKind::Sobol, SamplerKind::Independent];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            SamplerKind::Sobol => "sobol",
+            SamplerKind::Independent => "independent",
+        }
+    }
+}
 
 /// A stream of sample values; two streams made from the same arguments give the same values on any machine and thread.
 #[derive(Debug, Clone)]
 pub struct Sampler {
+    kind: SamplerKind,
+    /// State of an independent stream.
+    state: u64,
     seed: u32,
     index: u32,
     block: u32,
@@ -23,9 +52,18 @@ impl Sampler {
     /// Stream of sample `index` of item `key` (a pixel, a patch) under `seed`.
     ///
     /// Samples of one key are stratified among each other; different keys and seeds are independent.
+    #[inline]
     pub fn new(seed: u64, key: u64, index: u64) -> Self {
-        let mixed = mix(seed ^ mix(key.wrapping_add(0x9e37_79b9_7f4a_7c15)));
+        Self::of(SamplerKind::Sobol, seed, key, index)
+    }
+
+    /// As [`Sampler::new`], of either kind.
+    #[inline]
+    pub fn of(kind: SamplerKind, seed: u64, key: u64, index: u64) -> Self {
+        let mixed = mix(seed ^ mix(key.wrapping_add(GOLDEN)));
         Self {
+            kind,
+            state: mix(mixed ^ mix(index.wrapping_add(GOLDEN))),
             seed: (mixed ^ (mixed >> 32)) as u32,
             index: (index % u64::from(SAMPLES)) as u32,
             block: (index / u64::from(SAMPLES)) as u32,
@@ -59,6 +97,11 @@ impl Sampler {
     }
 
     fn refill(&mut self) {
+        self.used = 0;
+        if self.kind == SamplerKind::Independent {
+            self.ready = self.independent();
+            return;
+        }
         let round = self.set / SETS;
         let mut seed = self.seed;
         // Both borders: a new block of 2^16 samples or a new round of 256 dimensions is scrambled anew.
@@ -67,7 +110,18 @@ impl Sampler {
         }
         self.ready = sobol_burley::sample_4d(self.index, self.set % SETS, seed);
         self.set += 1;
-        self.used = 0;
+    }
+
+    /// Four values of 24 bits by SplitMix64.
+    #[inline]
+    fn independent(&mut self) -> [f32; 4] {
+        let mut two = || {
+            self.state = self.state.wrapping_add(GOLDEN);
+            let bits = mix(self.state);
+            [bits >> 40, (bits >> 8) & 0xff_ffff].map(|b| b as f32 * 2.0_f32.powi(-24))
+        };
+        let ([a, b], [c, d]) = (two(), two());
+        [a, b, c, d]
     }
 }
 

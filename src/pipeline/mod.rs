@@ -12,7 +12,8 @@ use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
 use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
-use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut, TwoPass};
+use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
+use crate::math::SamplerKind;
 use crate::patch::PatchError;
 use crate::progress::{Observer, Stage};
 use crate::radiosity::SolveError;
@@ -39,6 +40,8 @@ pub struct RenderSettings {
     pub gather_rays: u32,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// How samples of one pixel lie among each other.
+    pub sampler: SamplerKind,
     /// Pass one.
     pub pass_one: PassOneSettings,
     /// Ray engine.
@@ -60,9 +63,38 @@ impl Default for RenderSettings {
             budget: Budget::default(),
             gather_rays: DEFAULT_GATHER_RAYS,
             seed: 0,
+            sampler: SamplerKind::default(),
             pass_one: PassOneSettings::default(),
             accel: AccelKind::default(),
         }
+    }
+}
+
+impl RenderSettings {
+    /// The read-out in use; `None` for a method without a first pass.
+    ///
+    /// # Errors
+    /// [`PipelineError::NoFirstPass`] if one was chosen for such a method.
+    pub fn read_out(&self) -> Result<Option<ReadOut>, PipelineError> {
+        match (self.method.read_out(), self.read_out) {
+            (None, Some(_)) => Err(PipelineError::NoFirstPass(self.method)),
+            (own, chosen) => Ok(chosen.or(own)),
+        }
+    }
+
+    /// What the method is told, for paths of at most `max_depth` edges.
+    ///
+    /// # Errors
+    /// As [`Self::read_out`].
+    pub fn integrator(&self, max_depth: Option<u32>) -> Result<IntegratorSettings, PipelineError> {
+        Ok(IntegratorSettings {
+            read_out: self.read_out()?.unwrap_or(ReadOut::FinalGather),
+            max_depth,
+            gather_rays: self.gather_rays,
+            direct: DirectSampling::default(),
+            seed: self.seed,
+            sampler: self.sampler,
+        })
     }
 }
 
@@ -81,6 +113,9 @@ pub enum PipelineError {
     /// The crop lies outside the picture or is empty.
     #[error("the crop {0:?} (left, top, width, height) does not lie inside the picture of {1}x{2} pixels")]
     Crop([usize; 4], usize, usize),
+    /// A read-out was asked of a method that has no first pass.
+    #[error("the method {} has no first pass, so there is no read-out to choose", .0.name())]
+    NoFirstPass(Method),
     /// Stopped before there was anything to show.
     #[error("stopped before the first picture")]
     Stopped,
@@ -90,14 +125,14 @@ pub enum PipelineError {
 pub struct Rendered {
     /// The scene as it was used.
     pub world: World,
-    /// Pass one; `None` if no light path is long enough to need it.
+    /// Pass one; `None` if the method has none, or no light path is long enough to need it.
     pub pass_one: Option<PassOne>,
     /// The picture and its layers.
     pub film: Film,
     /// What was rendered.
     pub frame: Frame,
-    /// The read-out used.
-    pub read_out: ReadOut,
+    /// The read-out used; `None` for a method without a first pass.
+    pub read_out: Option<ReadOut>,
     /// Rays of both passes.
     pub counts: RayCounts,
     /// Time by stage, in order.
@@ -159,30 +194,22 @@ pub fn render_world(
     if budget.is_unlimited() {
         budget.spp = Some(scene.film.sample_count);
     }
-    let read_out = settings.read_out.unwrap_or(settings.method.read_out());
+    let read_out = settings.read_out()?;
     let mut counts = RayCounts::default();
     // A path of two edges or fewer never meets a second diffuse surface.
-    let needs_pass_one = max_depth.is_none_or(|d| d > 2) || read_out == ReadOut::Stored;
+    let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
     let pass_one = if needs_pass_one {
         Some(pass_one::solve(&world, &settings.pass_one, settings.seed, &mut watch, &mut counts, observer)?)
     } else {
         None
     };
-    let integrator = TwoPass {
-        world: &world,
-        field: pass_one.as_ref().map(|p| &p.field),
-        settings: IntegratorSettings {
-            read_out,
-            max_depth,
-            gather_rays: settings.gather_rays,
-            direct: DirectSampling::default(),
-            seed: settings.seed,
-        },
-    };
+    let field = pass_one.as_ref().map(|p| &p.field);
+    let integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?);
     let Driven { film, counts: pass_two, complete } =
-        watch.time(Stage::Render, || drive(&integrator, &frame, &budget, clocks, observer, snapshot));
+        watch.time(Stage::Render, || drive(&*integrator, &frame, &budget, clocks, observer, snapshot));
     watch.take_off(Stage::Render, clocks.excluded());
     counts += pass_two;
+    drop(integrator);
     Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world })
 }
 

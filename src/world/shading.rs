@@ -29,6 +29,21 @@ pub struct GlossyRay {
     pub pdf: f64,
 }
 
+/// A direction by the whole material.
+#[derive(Debug, Clone, Copy)]
+pub struct ScatteredRay {
+    /// Unit direction in world space.
+    pub direction: Vec3,
+    /// f |cos theta| over the density; of an ideal direction, the factor on radiance over the probability of its choice.
+    pub weight: Rgb,
+    /// Density per steradian; `None` for an ideal direction.
+    pub density: Option<f64>,
+    /// True if it goes on as if nothing were there.
+    pub straight: bool,
+    /// Index on the light's side over that on the viewer's; 1 unless refracted.
+    pub eta: f64,
+}
+
 impl World {
     /// The material at `si`. On the back of a one-sided opaque surface nothing of it scatters.
     #[inline]
@@ -141,6 +156,32 @@ impl Shading<'_> {
         })
     }
 
+    /// A direction by the whole material, ideal lobes included.
+    #[inline]
+    pub fn sample(&self, u: Vec2, choice: f32) -> Option<ScatteredRay> {
+        let sample = self.material.sample(self.wo, self.si.uv, u, choice)?;
+        if sample.delta {
+            let straight = sample.wi == -self.wo;
+            let transmits = (sample.wi.z > 0.0) != (self.wo.z > 0.0);
+            let direction = if straight { -self.si.wo } else { self.ideal_direction(sample.wi, transmits)? };
+            return Some(ScatteredRay { direction, weight: sample.weight, density: None, straight, eta: sample.eta });
+        }
+        let (direction, z) = self.to_world(sample.wi);
+        ((direction.dot(self.si.ng) > 0.0) == (z > 0.0)).then(|| ScatteredRay {
+            direction,
+            weight: sample.weight * self.shadowing(direction),
+            density: Some(sample.pdf),
+            straight: false,
+            eta: sample.eta,
+        })
+    }
+
+    /// Density per steradian with which [`Self::sample`] finds `direction`, ideal lobes left out.
+    #[inline]
+    pub fn pdf(&self, direction: Vec3) -> f64 {
+        self.to_local(direction).map_or(0.0, |wi| self.material.pdf(self.wo, wi, self.si.uv))
+    }
+
     /// Share of the light that the glossy lobes send to the viewer when it comes from everywhere.
     #[inline]
     pub fn glossy_albedo(&self) -> Rgb {
@@ -159,12 +200,17 @@ impl Shading<'_> {
         if self.is_straight(lobe) {
             return Some(-self.si.wo);
         }
-        let (direction, _) = self.to_world(lobe.wi);
-        if (direction.dot(self.si.ng) < 0.0) == lobe.transmits {
+        self.ideal_direction(lobe.wi, lobe.transmits)
+    }
+
+    #[inline]
+    fn ideal_direction(&self, wi: Vec3, transmits: bool) -> Option<Vec3> {
+        let (direction, _) = self.to_world(wi);
+        if (direction.dot(self.si.ng) < 0.0) == transmits {
             return Some(direction);
         }
         // A bent normal sent the direction to the wrong side: use the geometric normal for a reflection, give up otherwise.
-        (!lobe.transmits).then(|| 2.0 * self.si.wo.dot(self.si.ng) * self.si.ng - self.si.wo)
+        (!transmits).then(|| 2.0 * self.si.wo.dot(self.si.ng) * self.si.ng - self.si.wo)
     }
 
     /// True if `lobe` goes on as if nothing were there.

@@ -19,6 +19,8 @@ pub enum Sight {
     Gather(Origin),
     /// A ray of a glossy lobe: lamps and surroundings are shared.
     Glossy(Origin),
+    /// A ray drawn from a whole material: lamps and surroundings are shared by [`power_share`].
+    Scattered(Origin),
 }
 
 /// Where a ray of a surface starts.
@@ -52,6 +54,13 @@ pub fn balance(own: f64, other: f64) -> f64 {
     }
 }
 
+/// Share of a kind of rays of density `own` beside another of density `other` by the power heuristic with exponent 2 ([Veach95],
+/// section 4.3): it leaves more to the denser of the two than [`balance`] does.
+#[inline]
+pub fn power_share(own: f64, other: f64) -> f64 {
+    if own.is_infinite() { 1.0 } else { balance(own * own, other * other) }
+}
+
 impl World {
     /// Share of the emission at `at` that a ray along `direction` counts.
     #[inline]
@@ -60,11 +69,8 @@ impl World {
         match sight {
             Sight::Alone => 1.0,
             Sight::Gather(_) => 0.0,
-            Sight::Glossy(origin) => {
-                let primitive = at.primitive - self.first_primitive[at.shape as usize];
-                let hit = LightHit { position: at.point, normal: at.ng, primitive, uv: at.uv };
-                balance(origin.density, self.light_density(origin, light, direction, Some(&hit)))
-            }
+            Sight::Glossy(origin) => balance(origin.density, self.density_at(origin, light, direction, at)),
+            Sight::Scattered(origin) => power_share(origin.density, self.density_at(origin, light, direction, at)),
         }
     }
 
@@ -77,6 +83,15 @@ impl World {
             Sight::Gather(origin) | Sight::Glossy(origin) => {
                 balance(origin.density, self.light_density(origin, light, direction, None))
             }
+            Sight::Scattered(origin) => power_share(origin.density, self.light_density(origin, light, direction, None)),
         }
+    }
+
+    /// Expected number of shadow rays per steradian from `origin` to `light`, which a ray along `direction` meets at `at`.
+    #[inline]
+    fn density_at(&self, origin: &Origin, light: usize, direction: Vec3, at: &SurfaceInteraction) -> f64 {
+        let primitive = at.primitive - self.first_primitive[at.shape as usize];
+        let hit = LightHit { position: at.point, normal: at.ng, primitive, uv: at.uv };
+        self.light_density(origin, light, direction, Some(&hit))
     }
 }

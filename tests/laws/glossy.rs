@@ -8,6 +8,7 @@ use twopass::integrator::{IntegratorSettings, ReadOut};
 use twopass::light::Environment;
 use twopass::material::plastic::Base;
 use twopass::material::{Distribution, Material, Relief, ReliefMap, RoughConductor, RoughPlastic, Texture};
+use twopass::math::SamplerKind;
 use twopass::math::{Rgb, Vec2, Vec3};
 use twopass::pipeline::probe::{Probed, Prober};
 use twopass::pipeline::{Solved, StageCosts, solve_world};
@@ -37,7 +38,14 @@ fn solved(scene: Scene, share: f64) -> Solved {
 
 fn prober(solved: &Solved, max_depth: Option<u32>, lights_per_point: usize, samples: u64) -> Prober<'_> {
     let direct = DirectSampling { lights_per_point };
-    let settings = IntegratorSettings { read_out: ReadOut::FinalGather, max_depth, gather_rays: 4, direct, seed: 3 };
+    let settings = IntegratorSettings {
+        read_out: ReadOut::FinalGather,
+        max_depth,
+        gather_rays: 4,
+        direct,
+        seed: 3,
+        sampler: SamplerKind::Sobol,
+    };
     Prober { world: &solved.world, pass_one: &solved.pass_one, settings, samples }
 }
 

@@ -6,6 +6,7 @@ use twopass::accel::AccelKind;
 use twopass::film::Image;
 use twopass::integrator::drive::Clocks;
 use twopass::integrator::{IntegratorSettings, ReadOut};
+use twopass::math::SamplerKind;
 use twopass::pipeline::probe::Prober;
 use twopass::pipeline::{RenderSettings, StageCosts, render_world, solve};
 use twopass::progress::silent;
@@ -19,6 +20,7 @@ const PROBE: IntegratorSettings = IntegratorSettings {
     gather_rays: 4,
     direct: DirectSampling { lights_per_point: 4 },
     seed: 0,
+    sampler: SamplerKind::Sobol,
 };
 
 fn total_irradiance(scene: Scene, points: &[(DVec3, DVec3)]) -> Vec<f64> {

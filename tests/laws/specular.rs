@@ -3,6 +3,7 @@
 use crate::support::{Room, quick, run};
 use glam::DVec3;
 use twopass::integrator::{IntegratorSettings, ReadOut};
+use twopass::math::SamplerKind;
 use twopass::pipeline::probe::Prober;
 use twopass::pipeline::solve;
 use twopass::progress::silent;
@@ -15,6 +16,7 @@ const PROBE: IntegratorSettings = IntegratorSettings {
     gather_rays: 4,
     direct: DirectSampling { lights_per_point: 4 },
     seed: 2,
+    sampler: SamplerKind::Sobol,
 };
 
 fn radiance(scene: Scene, max_depth: Option<u32>, from: DVec3, direction: DVec3, samples: u64) -> f64 {
@@ -24,6 +26,7 @@ fn radiance(scene: Scene, max_depth: Option<u32>, from: DVec3, direction: DVec3,
         gather_rays: 4,
         direct: DirectSampling::default(),
         seed: 1,
+        sampler: SamplerKind::Sobol,
     };
     let solved = solve(scene, &quick(1, 20.0), &mut silent).expect("solves");
     let (found, _) =

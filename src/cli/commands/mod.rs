@@ -39,6 +39,7 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
     if let Some(args) = pass_two {
         settings.read_out = args.read_out;
         settings.max_depth = args.max_depth.map(|d| d.0);
+        settings.sampler = args.sampler;
         settings.gather_rays = args.gather_rays.unwrap_or(settings.gather_rays);
     }
     settings

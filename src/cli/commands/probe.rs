@@ -14,10 +14,9 @@ use twopass::film::io::{atomic_write, probe_writable};
 use twopass::integrator::IntegratorSettings;
 use twopass::math::DVec3;
 use twopass::pipeline::probe::{Probed, Prober};
-use twopass::pipeline::{self, RenderSettings, Solved};
+use twopass::pipeline::{self, Solved};
 use twopass::progress::Stage;
 use twopass::run_report::{StopReason, Stopwatch};
-use twopass::world::DirectSampling;
 
 const HEADER_IN: &str = "x,y,z,nx,ny,nz";
 const HEADER_OUT: &str = "x,y,z,nx,ny,nz,direct_r,direct_g,direct_b,total_r,total_g,total_b,illuminance,std_error";
@@ -47,8 +46,8 @@ pub fn run(common: &Common, args: &ProbeArgs) -> Result<(), Failure> {
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
     report::add_pass_one(&mut run_report, &solved.pass_one);
-    let (probed, counts) =
-        run_report.time(Stage::Render, || probe_points(args, &solved, &integrator(&settings, max_depth), &points));
+    let pass_two = settings.integrator(max_depth)?;
+    let (probed, counts) = run_report.time(Stage::Render, || probe_points(args, &solved, &pass_two, &points));
     report::add_costs(&mut run_report, &[], &counts);
     let table = table(&points, &probed, args.efficacy);
     match &args.output {
@@ -61,16 +60,6 @@ pub fn run(common: &Common, args: &ProbeArgs) -> Result<(), Failure> {
     run_report.stopped_by = StopReason::Samples;
     report::finish(common, &mut run_report)?;
     report::verdict(&run_report, &interrupt, "")
-}
-
-fn integrator(settings: &RenderSettings, max_depth: Option<u32>) -> IntegratorSettings {
-    IntegratorSettings {
-        read_out: settings.read_out.unwrap_or(settings.method.read_out()),
-        max_depth,
-        gather_rays: settings.gather_rays,
-        direct: DirectSampling::default(),
-        seed: settings.seed,
-    }
 }
 
 fn probe_points(

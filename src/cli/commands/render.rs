@@ -41,7 +41,9 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     if !args.snapshots_cpu.is_sorted() {
         return Err(Failure::Usage("--snapshots-cpu: expected ascending times".to_owned()));
     }
-    let mut job = Job { common, args, settings: settings(common, args), targets, interrupt: &interrupt };
+    let settings = settings(common, args);
+    settings.read_out()?;
+    let mut job = Job { common, args, settings, targets, interrupt: &interrupt };
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, scene, &args.source)?;
     // The file's crop is in pixels of the file's own size.
@@ -113,8 +115,9 @@ fn check_size(loaded: &LoadedScene, settings: &RenderSettings) -> Result<(), Fai
 
 fn describe(run_report: &mut RunReport, job: &Job) {
     let (args, settings) = (job.args, &job.settings);
-    let read_out = settings.read_out.unwrap_or(settings.method.read_out());
-    report::set(run_report, "read_out", read_out_name(read_out));
+    let read_out = settings.read_out.or(settings.method.read_out());
+    report::set(run_report, "read_out", read_out.map(read_out_name));
+    report::set(run_report, "sampler", settings.sampler.name());
     report::set(run_report, "spp", args.spp);
     report::set(run_report, "time", args.time);
     report::set(run_report, "cpu_time", args.cpu_time);
