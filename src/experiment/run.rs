@@ -92,7 +92,7 @@ pub fn run(experiment: &Experiment<'_>, listen: &mut dyn FnMut(&Event<'_>)) -> R
     }
     let facts: Vec<_> = scenes.iter().map(|s| SceneFacts { hash: &s.record.hash, judge: &s.judge }).collect();
     let all = jobs(plan, &facts);
-    let old = store.set_aside(|row| all.iter().any(|job| job.owns(row)))?;
+    let old = store.set_aside(|row| plan.leaves_out(&row.scene, &row.method) || all.iter().any(|job| job.owns(row)))?;
     if old > 0 {
         listen(&Event::Note(&format!("{old} rows of other settings or scenes were moved to rows.old.csv")));
     }

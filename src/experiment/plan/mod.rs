@@ -177,6 +177,12 @@ impl Plan {
         read::plan(&text, &folder, reading).map_err(|fault| PlanError::Fault { path: path.to_owned(), fault })
     }
 
+    /// True if the scene or the method is in the plan but left out this time: rows of an earlier start, when all was there, stay.
+    pub fn leaves_out(&self, scene: &str, method: &str) -> bool {
+        let (scene, method) = (format!("scene {scene}:"), format!("method {method}:"));
+        self.left_out.iter().any(|line| line.starts_with(&scene) || line.starts_with(&method))
+    }
+
     /// The first of these names that the plan does not know, in a sentence.
     pub fn unknown(&self, scenes: &[String], methods: &[String]) -> Option<String> {
         let scene = scenes.iter().find(|name| !self.scenes.iter().any(|s| s.name == **name));

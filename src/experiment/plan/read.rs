@@ -134,15 +134,15 @@ pub fn plan(text: &str, folder: &Path, reading: &Reading<'_>) -> Result<Plan, Fa
 /// What only the whole plan shows.
 fn check(plan: &Plan) -> Result<(), Fault> {
     let known: Vec<&str> = plan.scenes.iter().map(|s| s.name.as_str()).collect();
-    let absent = |name: &String| plan.left_out.iter().any(|line| line.starts_with(&format!("scene {name}:")));
+    let absent = |name: &String| plan.leaves_out(name, "");
     for (i, scene) in known.iter().enumerate() {
         if known[..i].contains(scene) {
             return Err(Fault::new(1, format!("two scenes are named \"{scene}\"")));
         }
     }
     for scene in &plan.scenes {
-        let gone = |name: &String| plan.left_out.iter().any(|line| line.starts_with(&format!("method {name}:")));
-        if let Some(name) = scene.overrides.keys().find(|name| !plan.methods.iter().any(|m| m.name == **name) && !gone(name)) {
+        let is_method = |name: &str| plan.methods.iter().any(|m| m.name == name) || plan.leaves_out("", name);
+        if let Some(name) = scene.overrides.keys().find(|name| !is_method(name)) {
             return Err(Fault::new(1, format!("scene {}: override of \"{name}\", which is no method of the plan", scene.name)));
         }
     }
