@@ -1,10 +1,19 @@
-//! Finds Embree 3 when the feature `embree` asks for it, and says what to install when it is not there.
+//! Finds Embree 3 when the feature `embree` asks for it, and says what to install when it is not there. Tells the program its commit.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed=EMBREE_LIB_DIR");
+    println!(
+        "cargo::rustc-env=TWOPASS_COMMIT={}",
+        git(&["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "no commit".to_owned())
+    );
+    // The log of HEAD grows with every commit; a file that is not there would mean a build each time.
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]).filter(|log| Path::new(log).exists()) {
+        println!("cargo::rerun-if-changed={log}");
+    }
     if std::env::var_os("CARGO_FEATURE_EMBREE").is_none() {
         return;
     }
@@ -15,6 +24,13 @@ fn main() {
         }
         None => println!("cargo::error={}", what_is_missing()),
     }
+}
+
+/// What git says, if there is a git and a repository.
+fn git(words: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(words).output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    (output.status.success() && !text.trim().is_empty()).then(|| text.trim().to_owned())
 }
 
 /// First folder that holds the library; a folder named by the user comes first.

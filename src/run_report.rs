@@ -40,6 +40,9 @@ pub struct RunReport {
     pub estimated_relmse: Option<f64>,
     /// Time by stage, in the order in which the stages began.
     pub stages: Vec<StageTime>,
+    /// The picture at earlier times, where that was asked for. Writing these is in no time of the report.
+    #[serde(default)]
+    pub snapshots: Vec<SnapshotReport>,
     /// How often things were done: `camera_rays`, `shadow_rays`, `form_factors`, `sweeps` ...
     pub counters: BTreeMap<String, u64>,
     /// How well the form factors obey their laws, before any correction.
@@ -75,6 +78,25 @@ pub struct StageTime {
     pub wall_s: f64,
     /// Processor time of all threads, user and system [s].
     pub cpu_s: f64,
+}
+
+/// The picture so far at some moment of pass two.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SnapshotReport {
+    /// The file that holds it.
+    pub file: String,
+    /// The processor time at which it was asked for [s].
+    pub asked_cpu_s: f64,
+    /// Samples per pixel.
+    pub samples_per_pixel: f64,
+    /// Time on the clock since the end of loading [s].
+    pub wall_s: f64,
+    /// Processor time since the end of loading: tree, pass one and pass two [s].
+    pub cpu_s: f64,
+    /// Rays of both passes.
+    pub rays: u64,
+    /// The error that was predicted then, as relMSE.
+    pub estimated_relmse: Option<f64>,
 }
 
 /// Defects of the form factors as computed: all 0 if they are exact and the scene is closed.
@@ -165,6 +187,7 @@ impl RunReport {
             samples_per_pixel: 0.0,
             estimated_relmse: None,
             stages: Vec::new(),
+            snapshots: Vec::new(),
             counters: BTreeMap::new(),
             closure: None,
             solver: None,

@@ -94,9 +94,8 @@ pub enum Command {
     /// Not delivered yet
     #[command(hide = true, disable_help_flag = true)]
     FormFactors(Rest),
-    /// Not delivered yet
-    #[command(hide = true, disable_help_flag = true)]
-    Experiment(Rest),
+    /// Error against run time: scenes, methods and budgets of a plan, measured one after another
+    Experiment(ExperimentArgs),
     /// Not delivered yet
     #[command(hide = true, disable_help_flag = true)]
     Stability(Rest),
@@ -202,6 +201,10 @@ pub struct RenderArgs {
     /// Highlights of the PNG: soft rolls them off (1 - 1/(4x) above 1/2), srgb cuts them at 1
     #[arg(long, value_name = "OPERATOR", default_value = "soft")]
     pub tone_map: ToneMapName,
+    /// Write the picture so far as OUT.0001.exr, OUT.0002.exr ... when these processor times since the end of loading are reached
+    /// (ascending); the time that takes is in no budget and no time of the report
+    #[arg(long, value_name = "S1,S2,...", value_delimiter = ',', value_parser = parse_positive, allow_hyphen_values = true)]
+    pub snapshots_cpu: Vec<f64>,
     /// Write the image so far every S seconds
     #[arg(long, value_name = "S", value_parser = parse_positive, allow_hyphen_values = true)]
     pub partial_every: Option<f64>,
@@ -234,6 +237,13 @@ pub struct SolveArgs {
     pub source: SceneArgs,
     #[command(flatten)]
     pub pass_one: PassOneArgs,
+    /// Write the irradiance of the solution at points of the surfaces: a CSV of place, normal and irradiance [W/m²]. The points are
+    /// drawn by area, alike for any patches, so that solutions can be compared
+    #[arg(long, value_name = "FILE.csv")]
+    pub irradiance: Option<PathBuf>,
+    /// How many points that file has
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = parse_count::<u32>, allow_negative_numbers = true)]
+    pub points: u32,
     /// Not delivered yet
     #[arg(short, long, hide = true)]
     pub output: Option<PathBuf>,
@@ -308,6 +318,29 @@ pub struct CompareArgs {
     pub emitters: Option<PathBuf>,
 }
 
+/// `twopass experiment`.
+#[derive(Debug, clap::Args)]
+pub struct ExperimentArgs {
+    /// The plan: scenes, methods, budgets, seeds (TOML; see benches/plans)
+    #[arg(value_name = "PLAN.toml")]
+    pub plan_file: PathBuf,
+    /// Folder for rows.csv, pictures, reports and the page; an experiment that was stopped goes on there
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Value for the plan's $NAME in names of files and commands; may be given more than once
+    #[arg(short = 'D', value_name = "NAME=VALUE")]
+    pub define: Vec<Define>,
+    /// Run again what failed, timed out or gave no usable picture before
+    #[arg(long)]
+    pub again: bool,
+    /// Only these scenes of the plan
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub scenes: Vec<String>,
+    /// Only these methods of the plan
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub methods: Vec<String>,
+}
+
 /// The form-factor methods and solvers that the command line promises and that are not there yet.
 const LATER_FORM_FACTORS: [&str; 3] = ["analytic", "hemicube", "hierarchical"];
 const LATER_SOLVERS: [&str; 5] = ["jacobi", "southwell", "cg", "gmres", "bicgstab"];
@@ -324,9 +357,8 @@ impl Args {
                     first_given(&given).or_else(|| args.pass_one.not_delivered())
                 }
                 Command::Probe(args) => args.pass_one.not_delivered(),
-                Command::Info(_) | Command::Compare(_) => None,
+                Command::Info(_) | Command::Compare(_) | Command::Experiment(_) => None,
                 Command::FormFactors(_) => Some(later("the subcommand form-factors")),
-                Command::Experiment(_) => Some(later("the subcommand experiment")),
                 Command::Stability(_) => Some(later("the subcommand stability")),
                 Command::Serve(_) => Some(later("the subcommand serve")),
             }
@@ -425,7 +457,6 @@ mod tests {
             ("twopass solve a.xml -o a.sol", "solve --output"),
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
-            ("twopass experiment plan.toml -o dir", "experiment"),
             ("twopass stability", "stability"),
             ("twopass form-factors a.xml --by patch", "form-factors"),
         ] {

@@ -7,6 +7,7 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use twopass::accel::AccelError;
+use twopass::experiment::{ExperimentError, JudgeError, PlanError, StoreError};
 use twopass::film::guard::in_guarded_decoder;
 use twopass::film::io::{ReadError, ReadErrorKind, WriteError};
 use twopass::load::{Fault, LoadError, Position};
@@ -57,6 +58,9 @@ pub enum Failure {
         /// The system's words.
         error: std::io::Error,
     },
+    /// A plan that cannot be read.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
     /// Over a limit on size, memory, depth or count.
     #[error("{0}")]
     Limit(String),
@@ -88,10 +92,23 @@ impl From<LoadError> for Failure {
     }
 }
 
+impl From<ExperimentError> for Failure {
+    fn from(error: ExperimentError) -> Self {
+        match error {
+            ExperimentError::Load(error) => Failure::Load(error),
+            ExperimentError::Judge(JudgeError::Read(error)) => Failure::Picture(error),
+            ExperimentError::Judge(JudgeError::Fit { error, .. }) => Failure::Metrics(error),
+            ExperimentError::Store(StoreError::Write(error)) | ExperimentError::Write(error) => Failure::Write(error),
+            ExperimentError::Store(StoreError::Rows { path, line, detail }) => Failure::Table { path, line, detail },
+            ExperimentError::Store(error @ StoreError::Busy(_)) => Failure::Usage(error.to_string()),
+        }
+    }
+}
+
 impl Failure {
     /// Nothing was asked for.
     pub fn no_command() -> Self {
-        Failure::Usage("expected a subcommand: render, solve, info, probe or compare (see --help)".to_owned())
+        Failure::Usage("expected a subcommand: render, solve, info, probe, compare or experiment (see --help)".to_owned())
     }
 
     /// The program's exit code.
@@ -104,7 +121,7 @@ impl Failure {
                 Fault::OverLimit => LIMIT,
             },
             Failure::Picture(ReadError { kind: ReadErrorKind::TooLarge { .. }, .. }) | Failure::Limit(_) => LIMIT,
-            Failure::Picture(_) | Failure::Metrics(_) | Failure::Table { .. } | Failure::Input { .. } => INPUT,
+            Failure::Picture(_) | Failure::Metrics(_) | Failure::Table { .. } | Failure::Plan(_) | Failure::Input { .. } => INPUT,
             Failure::Pipeline(error) => match error {
                 PipelineError::Accel(AccelError::TooManyPrimitives { .. }) | PipelineError::Patch(_) => LIMIT,
                 PipelineError::Accel(_) | PipelineError::Crop(..) | PipelineError::NoFirstPass(_) => USAGE,

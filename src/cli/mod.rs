@@ -9,6 +9,7 @@ mod output;
 mod progress;
 mod report;
 mod scene_file;
+mod snapshots;
 mod values;
 
 use args::{Args, Command};
@@ -54,7 +55,8 @@ fn run(args: &Args) -> Result<(), Failure> {
         Command::Info(args) => commands::info::run(common, args),
         Command::Probe(args) => commands::probe::run(common, args),
         Command::Compare(args) => commands::compare::run(common, args),
-        Command::FormFactors(_) | Command::Experiment(_) | Command::Stability(_) | Command::Serve(_) => {
+        Command::Experiment(args) => commands::experiment::run(common, args),
+        Command::FormFactors(_) | Command::Stability(_) | Command::Serve(_) => {
             unreachable!("refused before")
         }
     }

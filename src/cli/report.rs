@@ -40,6 +40,11 @@ pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
     }
 }
 
+/// Rays of all kinds.
+pub fn rays(counts: &RayCounts) -> u64 {
+    counts.camera + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
+}
+
 /// Adds what rays and stages cost.
 pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCounts) {
     for cost in stages {

@@ -18,6 +18,19 @@ pub enum Status {
     Unusable,
 }
 
+/// What a row is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RowKind {
+    /// A picture against reference pictures.
+    #[default]
+    Picture,
+    /// A solution of pass one against a fine solution. `relmse` is then the sum over points and channels of (H−A)(H−B) over that of AB:
+    /// the squared relative error of the irradiance in the area-weighted mean square, A and B two reference solutions of other seeds
+    /// (or both the same one).
+    PassOne,
+}
+
 /// One picture of one run, measured. A run that gave pictures at several times is several rows.
 ///
 /// Times are of everything after loading (tree, pass one, pass two; judging and writing pictures excluded), as the sum over stages.
@@ -27,7 +40,10 @@ pub struct Row {
     pub scene: String,
     /// Name of the method in the plan.
     pub method: String,
-    /// What was asked for, such as `spp=64` or `cpu=2`.
+    /// What was compared.
+    #[serde(default)]
+    pub kind: RowKind,
+    /// What was asked for, such as `spp=64` or `cpu=2`; of pass one the settings that vary, such as `tolerance=0.1`.
     pub budget: String,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -49,6 +65,9 @@ pub struct Row {
     pub tree_cpu_s: Option<f64>,
     /// CPU seconds of pass one: patches, direct light, form factors, solve; empty if there is none.
     pub pass_one_cpu_s: Option<f64>,
+    /// CPU seconds of the solver within pass one; empty if there is none.
+    #[serde(default)]
+    pub solve_cpu_s: Option<f64>,
     /// CPU seconds of pass two.
     pub pass_two_cpu_s: Option<f64>,
     /// Rays of all kinds; empty if the method does not tell.
@@ -81,6 +100,15 @@ pub struct Row {
     pub image: String,
     /// Load average of the machine (1 minute) when the run began.
     pub load_average: f64,
+    /// Hash of everything that was read for the scene, 16 hexadecimal digits.
+    #[serde(default)]
+    pub scene_hash: String,
+    /// Hash of everything else on which the row depends but budget, seed and repetition: settings, command, size, references.
+    #[serde(default)]
+    pub settings_hash: String,
+    /// Version and commit of the program that measured it.
+    #[serde(default)]
+    pub program: String,
 }
 
 /// A scene of an experiment.

@@ -4,6 +4,7 @@ use super::{Frame, Integrator};
 use crate::film::Film;
 use crate::progress::{Observer, Progress, Stage};
 use crate::world::walk::RayCounts;
+use std::cell::Cell;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -27,28 +28,47 @@ impl Budget {
     }
 }
 
+/// What the caller of a run sees after each pass: the film, and the rays of pass two so far.
+pub type Snapshot<'a> = dyn FnMut(&Film, &RayCounts) + 'a;
+
 /// Clocks against which a budget runs; made at the end of loading.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Clocks {
     started: Instant,
     cpu_started: f64,
     cpu_now: fn() -> f64,
+    /// Wall and CPU seconds that do not count.
+    excluded: Cell<(f64, f64)>,
 }
 
 impl Clocks {
     /// Starts now. `cpu_now` gives the CPU seconds of the process so far.
     pub fn start(cpu_now: fn() -> f64) -> Self {
-        Self { started: Instant::now(), cpu_started: cpu_now(), cpu_now }
+        Self { started: Instant::now(), cpu_started: cpu_now(), cpu_now, excluded: Cell::default() }
     }
 
-    /// Wall seconds since the start.
+    /// Wall seconds since the start that count.
     pub fn wall(&self) -> f64 {
-        self.started.elapsed().as_secs_f64()
+        self.started.elapsed().as_secs_f64() - self.excluded.get().0
     }
 
-    /// CPU seconds since the start.
+    /// CPU seconds since the start that count.
     pub fn cpu(&self) -> f64 {
-        (self.cpu_now)() - self.cpu_started
+        (self.cpu_now)() - self.cpu_started - self.excluded.get().1
+    }
+
+    /// Does work that is no part of the run, such as writing pictures by which the run is measured: it counts for no budget.
+    pub fn exclude<T>(&self, work: impl FnOnce() -> T) -> T {
+        let before = (self.wall(), self.cpu());
+        let result = work();
+        let (wall, cpu) = self.excluded.get();
+        self.excluded.set((wall + self.wall() - before.0, cpu + self.cpu() - before.1));
+        result
+    }
+
+    /// Wall and CPU seconds that were excluded so far.
+    pub fn excluded(&self) -> (f64, f64) {
+        self.excluded.get()
     }
 }
 
@@ -72,7 +92,7 @@ pub fn drive(
     budget: &Budget,
     clocks: &Clocks,
     observer: &mut Observer<'_>,
-    snapshot: &mut dyn FnMut(&Film),
+    snapshot: &mut Snapshot<'_>,
 ) -> Driven {
     let mut film = Film::new(frame.crop[2], frame.crop[3]);
     let mut counts = RayCounts::default();
@@ -83,7 +103,7 @@ pub fn drive(
         film.add_pass(index, &samples);
         counts += pass_counts;
         index += 1;
-        snapshot(&film);
+        snapshot(&film, &counts);
         let done = fraction_done(budget, clocks, render_started, &film);
         if done >= 1.0 {
             return Driven { film, counts, complete: true };

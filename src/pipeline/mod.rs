@@ -4,6 +4,7 @@ pub mod cost;
 pub mod pass_one;
 pub mod probe;
 mod progressive;
+pub mod surface_points;
 
 pub use cost::{StageCost, StageCosts};
 pub use pass_one::{PassOne, PassOneSettings};
@@ -11,7 +12,7 @@ pub use pass_one::{PassOne, PassOneSettings};
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
-use crate::integrator::drive::{Budget, Clocks, Driven, drive};
+use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
 use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
 use crate::math::SamplerKind;
 use crate::patch::PatchError;
@@ -168,7 +169,7 @@ pub fn render(
     settings: &RenderSettings,
     clocks: &Clocks,
     observer: &mut Observer<'_>,
-    snapshot: &mut dyn FnMut(&Film),
+    snapshot: &mut Snapshot<'_>,
 ) -> Result<Rendered, PipelineError> {
     let mut watch = StageCosts::default();
     frame_of(&scene, settings)?;
@@ -186,7 +187,7 @@ pub fn render_world(
     clocks: &Clocks,
     mut watch: StageCosts,
     observer: &mut Observer<'_>,
-    snapshot: &mut dyn FnMut(&Film),
+    snapshot: &mut Snapshot<'_>,
 ) -> Result<Rendered, PipelineError> {
     let scene = world.scene();
     let frame = frame_of(scene, settings)?;
@@ -209,6 +210,7 @@ pub fn render_world(
     if let (true, Some(pass_one)) = (progressive, pass_one.take()) {
         let mut method = Progressive::new(&world, settings, settings.integrator(max_depth)?, pass_one, counts);
         let driven = watch.time(Stage::Render, || drive(&mut method, &frame, &budget, clocks, observer, snapshot));
+        watch.take_off(Stage::Render, clocks.excluded());
         let counts = method.counts;
         let pass_one = Some(method.finish(&mut watch));
         let Driven { film, complete, .. } = driven;
@@ -218,6 +220,7 @@ pub fn render_world(
     let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?);
     let Driven { film, counts: pass_two, complete } =
         watch.time(Stage::Render, || drive(&mut *integrator, &frame, &budget, clocks, observer, snapshot));
+    watch.take_off(Stage::Render, clocks.excluded());
     counts += pass_two;
     drop(integrator);
     Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world })

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 use twopass::film::io::{Header, read_exr, write_exr, write_png_bytes};
-use twopass::film::{Film, Image, Layer, Mask};
-use twopass::integrator::drive::{Budget, Clocks};
+use twopass::film::{Image, Layer, Mask};
+use twopass::integrator::drive::{Budget, Clocks, Snapshot};
 use twopass::integrator::{Method, ReadOut};
 use twopass::load::{LoadOptions, load_scene};
 use twopass::math::SamplerKind;
@@ -43,11 +43,11 @@ impl Shot {
 
 /// Renders a scene of the project as its file says, but for `shot`.
 pub fn rendered(shot: &Shot) -> Rendered {
-    rendered_with(shot, &mut |_| {})
+    rendered_with(shot, &mut |_, _| {})
 }
 
 /// As [`rendered`]; `snapshot` sees the film after every pass.
-pub fn rendered_with(shot: &Shot, snapshot: &mut dyn FnMut(&Film)) -> Rendered {
+pub fn rendered_with(shot: &Shot, snapshot: &mut Snapshot<'_>) -> Rendered {
     let defines = shot.defines.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
     let file = root().join("scenes").join(shot.scene).join("scene.xml");
     let scene = load_scene(&file, &LoadOptions { defines, ..LoadOptions::default() }).expect("the scene loads").scene;

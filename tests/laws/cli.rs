@@ -8,22 +8,22 @@ use twopass::film::io::{Header, read_exr, read_exr_layer, write_exr, write_png_b
 use twopass::film::{Image, Layer};
 
 /// A folder of its own, in which the program runs.
-struct Place(TempDir);
+pub(super) struct Place(TempDir);
 
 impl Place {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self(tempfile::tempdir().expect("a temporary folder"))
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(super) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn write(&self, name: &str, text: &str) {
+    pub(super) fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path(name), text).expect("writable");
     }
 
-    fn command(&self, line: &str) -> Command {
+    pub(super) fn command(&self, line: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_twopass"));
         command.args(line.split_whitespace()).current_dir(self.0.path()).stdin(Stdio::null());
         command
@@ -34,7 +34,7 @@ impl Place {
     }
 
     /// Runs, demands the exit code, and gives stdout and stderr.
-    fn expect(&self, code: i32, line: &str) -> (String, String) {
+    pub(super) fn expect(&self, code: i32, line: &str) -> (String, String) {
         let output = self.run(line);
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         let (out, err) = (text(&output.stdout), text(&output.stderr));
@@ -51,16 +51,16 @@ impl Place {
     }
 }
 
-fn picture(width: usize, height: usize, value: f32) -> Image {
+pub(super) fn picture(width: usize, height: usize, value: f32) -> Image {
     Image::from_pixels(width, height, vec![[value; 3]; width * height])
 }
 
-fn write(path: &Path, image: Image) {
+pub(super) fn write(path: &Path, image: Image) {
     write_exr(path, &[Layer::main(image)], &Header::default()).expect("writable");
 }
 
 /// A closed unit cube, grey, with a lamp below its ceiling.
-fn room(emitter: &str) -> String {
+pub(super) fn room(emitter: &str) -> String {
     format!(
         r#"<scene version="3.0.0">
   <integrator type="path"/>
@@ -82,7 +82,7 @@ fn room(emitter: &str) -> String {
     )
 }
 
-const LAMP: &str = r#"<emitter type="area"><rgb name="radiance" value="5, 5, 5"/></emitter>"#;
+pub(super) const LAMP: &str = r#"<emitter type="area"><rgb name="radiance" value="5, 5, 5"/></emitter>"#;
 
 /// Coarse pass one: these tests are about the command line.
 const QUICK: &str = "--patch-size 0.5 --tolerance 0.1";

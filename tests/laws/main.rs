@@ -10,6 +10,7 @@ mod catalogue_meshes;
 mod catalogue_values;
 mod cli;
 mod emitters;
+mod experiment;
 mod furnace;
 mod glossy;
 mod invariance;

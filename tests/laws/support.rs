@@ -113,5 +113,5 @@ pub fn quick(spp: u32, patch_size: f64) -> RenderSettings {
 
 /// Renders without anybody watching.
 pub fn run(scene: Scene, settings: &RenderSettings) -> Rendered {
-    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_| {}).expect("renders")
+    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {}).expect("renders")
 }

@@ -1,6 +1,7 @@
 //! One file a subcommand.
 
 pub mod compare;
+pub mod experiment;
 pub mod info;
 pub mod probe;
 pub mod render;

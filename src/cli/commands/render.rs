@@ -6,17 +6,19 @@ use crate::cli::exit::Failure;
 use crate::cli::interrupt::Interrupt;
 use crate::cli::output::say;
 use crate::cli::progress::{Display, observer};
+use crate::cli::snapshots::Snapshots;
 use crate::cli::values::read_out_name;
 use crate::cli::{header, report, scene_file};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use twopass::film::io::{Header, Operator, ToneMap, probe_writable, write_exr, write_png};
+use twopass::film::io::{Header, Operator, ToneMap, WriteError, probe_writable, write_exr, write_png};
 use twopass::film::{Film, Layer};
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::load::LoadedScene;
 use twopass::pipeline::{self, PipelineError, RenderSettings, Rendered};
 use twopass::progress::Stage;
-use twopass::run_report::{RunReport, StopReason, Stopwatch, process_cpu_seconds};
+use twopass::run_report::{RunReport, SnapshotReport, StopReason, Stopwatch, process_cpu_seconds};
+use twopass::world::walk::RayCounts;
 
 /// Most pixels of a picture: the film holds 256 bytes for each, the file's layers another 100.
 const MOST_PIXELS: usize = 1 << 26;
@@ -36,6 +38,9 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     let scene = args.scene.as_deref().ok_or_else(|| Failure::Usage("expected a scene".to_owned()))?;
     let targets = Targets::new(scene, args.output.as_deref());
     targets.probe(common)?;
+    if !args.snapshots_cpu.is_sorted() {
+        return Err(Failure::Usage("--snapshots-cpu: expected ascending times".to_owned()));
+    }
     let settings = settings(common, args);
     settings.read_out()?;
     let mut job = Job { common, args, settings, targets, interrupt: &interrupt };
@@ -49,7 +54,10 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
     describe(&mut run_report, &job);
     match render(&job, loaded) {
-        Ok(rendered) => finish(&job, &rendered, run_report),
+        Ok((rendered, snapshots)) => {
+            run_report.snapshots = snapshots?;
+            finish(&job, &rendered, run_report)
+        }
         Err(error) => Err(report::no_result(common, &mut run_report, &interrupt, error)),
     }
 }
@@ -123,19 +131,23 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set_pass_one(run_report, &args.pass_one);
 }
 
-/// Renders with progress, signals and partial pictures.
-fn render(job: &Job, loaded: LoadedScene) -> Result<Rendered, PipelineError> {
+/// Renders with progress, signals, partial pictures and snapshots.
+fn render(job: &Job, loaded: LoadedScene) -> Result<(Rendered, Result<Vec<SnapshotReport>, WriteError>), PipelineError> {
     let clocks = Clocks::start(process_cpu_seconds);
     let mut observer = observer(Display::new(job.common), job.interrupt);
     let mut last = Instant::now();
-    let mut snapshot = |film: &Film| {
+    let mut snapshots = Snapshots::new(&clocks, &job.targets.exr, &job.args.snapshots_cpu);
+    let mut snapshot = |film: &Film, counts: &RayCounts| {
+        snapshots.look(film, counts);
         let Some(interval) = job.args.partial_every else { return };
         if last.elapsed() >= Duration::from_secs_f64(interval) {
             write_partial(job, film);
             last = Instant::now();
         }
     };
-    pipeline::render(loaded.scene, &job.settings, &clocks, &mut observer, &mut snapshot)
+    let rendered = pipeline::render(loaded.scene, &job.settings, &clocks, &mut observer, &mut snapshot)?;
+    let snapshots = snapshots.finish(report::rays(&rendered.counts));
+    Ok((rendered, snapshots))
 }
 
 /// Writes the picture so far. A failure is said and not fatal: the run may still end well.

@@ -7,14 +7,19 @@ use crate::cli::interrupt::Interrupt;
 use crate::cli::output::{print, short};
 use crate::cli::progress::{Display, observer};
 use crate::cli::{report, scene_file};
-use twopass::film::io::probe_writable;
-use twopass::pipeline;
+use std::io::Write as _;
+use std::path::Path;
+use twopass::film::io::{WriteError, atomic_write, probe_writable};
+use twopass::pipeline::{self, Solved, surface_points};
+use twopass::progress::Stage;
 use twopass::run_report::{RunReport, StopReason, Stopwatch};
 
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
-    common.report.as_deref().map_or(Ok(()), probe_writable)?;
+    for path in [common.report.as_deref(), args.irradiance.as_deref()].into_iter().flatten() {
+        probe_writable(path)?;
+    }
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, &args.scene, &args.source)?;
     let settings = render_settings(common, &args.pass_one, None);
@@ -29,9 +34,26 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     report::add_pass_one(&mut run_report, &solved.pass_one);
     run_report.complete = solved.pass_one.solution.converged;
     run_report.stopped_by = if run_report.complete { StopReason::Finished } else { StopReason::NotConverged };
+    if let Some(path) = &args.irradiance {
+        run_report.time(Stage::Write, || write_irradiance(path, &solved, args.points))?;
+    }
     report::finish(common, &mut run_report)?;
     print(&summary(&run_report))?;
     report::verdict(&run_report, &interrupt, "")
+}
+
+/// A line for each point: place, normal, irradiance; the last three are empty in a gap between patches.
+fn write_irradiance(path: &Path, solved: &Solved, n: u32) -> Result<(), WriteError> {
+    let points = surface_points::irradiance(&solved.world, &solved.pass_one.field, n);
+    atomic_write(path, |file| {
+        writeln!(file, "x,y,z,nx,ny,nz,irradiance_r,irradiance_g,irradiance_b")?;
+        for at in &points {
+            let (p, n) = (at.point, at.normal);
+            let found = at.irradiance.map_or_else(|| ",,".to_owned(), |h| format!("{},{},{}", h.r, h.g, h.b));
+            writeln!(file, "{},{},{},{},{},{},{found}", p.x, p.y, p.z, n.x, n.y, n.z)?;
+        }
+        Ok(())
+    })
 }
 
 /// `name value` lines.
