@@ -3,6 +3,7 @@
 //! What a finished experiment leaves in its folder: `rows.csv` (one [`Row`] a picture), the pictures, `experiment.json` (plan,
 //! machine, references: [`Outcome`] without the rows), plots and a page.
 
+pub mod report;
 pub mod row;
 
 pub use row::{Outcome, Row, SceneRecord, Status};
