@@ -121,7 +121,9 @@ async function checks() {
   const wide = await evaluate("document.documentElement.scrollWidth - innerWidth");
   check("a narrow page does not scroll sideways", wide <= 0, wide);
   await shot("narrow");
-  await open(1000, 900, "light");
+  await open(760, 1075, "dark", "print");
+  check("paper is white and has no viewer", await evaluate("getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)' && getComputedStyle(document.getElementById('about')).display !== 'none' && !document.getElementById('viewer')?.offsetHeight"));
+  await shot("print");
   if (shots) {
     const { data } = await send("Page.printToPDF", { printBackground: true, preferCSSPageSize: true });
     writeFileSync(join(shots, "print.pdf"), Buffer.from(data, "base64"));

@@ -11,7 +11,7 @@ use std::io::Read;
 fn outcome() -> Outcome {
     let mut rows = Vec::new();
     for spp in [1, 2, 4, 8, 16, 32, 64] {
-        for seed in 0..3 {
+        for seed in 0..3_u32 {
             let spread = 1.0 + 0.1 * (f64::from(seed) - 1.0);
             let time = 0.25 * f64::from(spp);
             let row =

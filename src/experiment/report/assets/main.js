@@ -71,7 +71,7 @@ function about() {
   const environment = Object.entries(data.environment).map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "message" }, value)));
   const methods = data.methods.map(([, what], method) => el("tr", {}, rowHead(method), el("td", { class: "message" }, what || "–")));
   const left = data.pictures_left_out;
-  document.getElementById("about").append(
+  fill(document.getElementById("about"), { "aria-labelledby": "about-title" }, [
     el("h2", { id: "about-title" }, "How this was measured"),
     table("Methods", null, ["Method", "What it is"], methods),
     table("Machine and versions", null, ["What", "Value"], environment),
@@ -86,7 +86,7 @@ function about() {
     el("h4", {}, "The plan"),
     el("pre", {}, data.plan),
     el("p", {}, "All rows: ", el("a", { href: "rows.csv" }, "rows.csv")),
-  );
+  ]);
 }
 
 function contents() {

@@ -3,6 +3,8 @@
 
 const NARROW = 620;
 const LABEL_GAP = 15;
+/// Predicted errors stretch the axis by this factor at most; what is further out is cut off at the frame.
+const STRETCH = 4;
 
 /// A logarithmic axis: pixels from values, decades and their divisions.
 function logAxis(low, high, start, end) {
@@ -74,10 +76,10 @@ function drawCurve(group, curve, x, y, frame) {
     const at = x.at(point.time);
     if (point.error > 0) group.append(marker(curve.method, at, y.at(point.error), 4.2, { class: "point", ...look }));
     else group.append(svg("path", { class: "below", ...look, d: `M${at - 5} ${frame.bottom - 10}h10l-5 8z` }));
-    if (state.predicted && point.predicted > y.low && point.predicted < y.high) {
-      const from = clamp(point.error);
-      group.append(svg("line", { class: "guess", stroke: colour(curve.method), x1: at, x2: at, y1: from, y2: y.at(point.predicted) }));
-      group.append(marker(curve.method, at, y.at(point.predicted), 4, { class: "predicted", stroke: colour(curve.method) }));
+    if (state.predicted && point.predicted > 0) {
+      const to = Math.min(Math.max(y.at(point.predicted), frame.top), frame.bottom);
+      group.append(svg("line", { class: "guess", stroke: colour(curve.method), x1: at, x2: at, y1: clamp(point.error), y2: to }));
+      if (to === y.at(point.predicted)) group.append(marker(curve.method, at, y.at(point.predicted), 4, { class: "predicted", stroke: colour(curve.method) }));
     }
   }
 }
@@ -168,7 +170,7 @@ function drawPlot(host, scene) {
   const metric = METRICS[state.metric];
   const curves = (chart?.curves ?? []).filter((curve) => !state.hidden.has(curve.method));
   const points = curves.flatMap((curve) => curve.points);
-  const errors = points.flatMap((p) => [p.error, ...(state.band ? p.errors : []), state.predicted ? p.predicted : null]).filter((e) => e > 0);
+  const errors = points.flatMap((p) => [p.error, ...(state.band ? p.errors : [])]).filter((e) => e > 0);
   if (!errors.length) {
     const why = chart ? "All methods are hidden. Choose some below." : `No run of this scene has a ${metric.name}.`;
     return host.replaceChildren(el("p", { class: "empty" }, why));
@@ -177,10 +179,12 @@ function drawPlot(host, scene) {
   const height = Math.round(Math.min(Math.max(0.56 * width, 330), 580));
   const labelled = width >= NARROW;
   const longest = Math.max(...curves.map((curve) => methodName(curve.method).length));
-  const frame = { left: 68, right: width - (labelled ? Math.min(22 + 7.6 * longest, 0.28 * width) : 12), top: 12, bottom: height - 54 };
+  const frame = { left: 68, right: width - (labelled ? Math.min(26 + 7.3 * longest, 0.28 * width) : 12), top: 12, bottom: height - 54 };
   const times = points.map((p) => p.time);
   const x = logAxis(Math.min(...times), Math.max(...times), frame.left, frame.right);
-  const y = logAxis(Math.min(...errors), Math.max(...errors), frame.bottom, frame.top);
+  const [least, most] = [Math.min(...errors), Math.max(...errors)];
+  const guesses = points.map((p) => (state.predicted ? p.predicted : null)).filter((e) => e > 0);
+  const y = logAxis(Math.max(Math.min(least, ...guesses), least / STRETCH), Math.min(Math.max(most, ...guesses), most * STRETCH), frame.bottom, frame.top);
 
   const summary = `${metric.name} against ${clockName()} for ${plural(curves.length, "method")}; arrow keys go from point to point`;
   const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, tabindex: 0, role: "application", "aria-label": summary });

@@ -3,7 +3,9 @@
 
 function table(caption, note, head, rows) {
   const wide = el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption });
-  const header = el("tr", {}, head.map((text) => el("th", { scope: "col" }, text)));
+  // Columns of words begin at the left, columns of numbers end at the right.
+  const isWords = (i) => rows.some((row) => row.children[i]?.className === "message");
+  const header = el("tr", {}, head.map((text, i) => el("th", { scope: "col", class: isWords(i) && "message" }, text)));
   wide.append(el("table", {}, el("thead", {}, header), el("tbody", {}, rows)));
   return el("figure", { class: "table" }, el("figcaption", {}, el("h4", {}, caption), note && el("p", {}, note)), wide);
 }
@@ -68,17 +70,18 @@ function floorCell(floor) {
 
 function convergenceTable(chart) {
   const squared = METRICS[state.metric].squared;
+  const anyBelow = chart.curves.some((curve) => curve.below_noise);
   const rows = chart.curves.map((curve) => {
     const last = curve.points[curve.points.length - 1];
-    const noise = curve.below_noise ? plural(curve.below_noise, "row") : "–";
+    const noise = anyBelow && cell(curve.below_noise ? plural(curve.below_noise, "row") : "–");
     return el("tr", {}, rowHead(curve.method), slopeCell(curve.slope), floorCell(curve.floor), cell(curve.cost == null ? "–" : `${number(curve.cost)} s`),
-      cell(number(last.error), `after ${seconds(last.time)}`), cell(noise));
+      cell(number(last.error), `after ${seconds(last.time)}`), noise);
   });
   const law = squared ? "error = floor + c/t" : "error² = floor² + c/t";
   const note = `Slope of log error over log time in the last decade, with its standard error; ${squared ? "−1" : "−½"} is pure noise. `
     + `Floor: fit of ${law} against the CPU time of pass two, robust, in relative error; “none seen” if its 95 % interval holds 0. `
     + `Cost: ${squared ? "error" : "error²"} × time of the last picture.`;
-  return table("Convergence and bias", note, ["Method", "Slope", "Bias floor", "Cost", "Last error", "Below reference noise"], rows);
+  return table("Convergence and bias", note, ["Method", "Slope", "Bias floor", "Cost", "Last error", ...(anyBelow ? ["Below reference noise"] : [])], rows);
 }
 
 function predictionTable(scene) {

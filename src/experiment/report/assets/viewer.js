@@ -270,7 +270,9 @@ function pointers() {
   };
   for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, up);
   canvas.addEventListener("wheel", (event) => {
-    if (!view.images.find(Boolean)) return;
+    // Only a picture that was chosen takes the wheel (or a pinch), so that the page scrolls past it.
+    const isChosen = document.activeElement === canvas || event.ctrlKey;
+    if (!isChosen || !view.images.find(Boolean)) return;
     event.preventDefault();
     zoomBy(Math.exp(-event.deltaY * 0.0016), place(event.clientX, event.clientY));
   }, { passive: false });
@@ -327,7 +329,7 @@ function startViewer() {
       el("label", {}, el("span", {}, "Exposure"), ui.exposure, el("output", { for: "exposure" })),
       el("span", {}, "Zoom "), button("−", "Zoom out", () => zoomBy(0.8)), ui.zoom, button("+", "Zoom in", () => zoomBy(1.25)), button("Fit", "Fit to the frame", fit)),
     ui.stage, ui.scale, ui.values, ui.note,
-    el("p", { class: "keys" }, el("kbd", {}, "space"), " or a click flips, ", el("kbd", {}, "+"), el("kbd", {}, "−"), el("kbd", {}, "0"), " or the wheel zooms, arrows or a drag pan, ", el("kbd", {}, "["), el("kbd", {}, "]"), " exposure, ", el("kbd", {}, "<"), el("kbd", {}, ">"), " divider. Values are half floats: about three digits."),
+    el("p", { class: "keys" }, el("kbd", {}, "space"), " or a click flips, ", el("kbd", {}, "+"), el("kbd", {}, "−"), el("kbd", {}, "0"), " or the wheel over a clicked picture zooms, arrows or a drag pan, ", el("kbd", {}, "["), el("kbd", {}, "]"), " exposure, ", el("kbd", {}, "<"), el("kbd", {}, ">"), " divider. Values are half floats: about three digits."),
   );
   pointers();
   window.addEventListener("resize", draw);
