@@ -21,6 +21,7 @@ mod loading_meshes;
 mod loading_models;
 mod loading_shapes;
 mod material_laws;
+mod metrics;
 mod patches;
 mod specular;
 mod support;

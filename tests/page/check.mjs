@@ -159,7 +159,7 @@ async function viewer() {
   await shot("side", "#viewer");
   await press(".choice button[value=split]");
   await shot("swipe", "#viewer");
-  for (const kind of ["difference", "relative"]) {
+  for (const kind of ["difference", "relative", ...((await evaluate("data.pictures.some((p) => p.has_flip)")) ? ["flip"] : [])]) {
     const last = await stage();
     await press(`.choice button[value=${kind}]`);
     await pause(1500);

@@ -72,7 +72,9 @@ pub fn text(outcome: &Outcome, gallery: &Gallery, plots: &[Vec<String>]) -> Stri
         methods,
     };
     let json = serde_json::to_string(&data).expect("names and numbers have a JSON form");
-    let picture = |(i, p): (usize, &Picture)| format!("<script type=\"text/plain\" id=\"picture-{i}\">{}</script>\n", p.data);
+    let block = |name: &str, i: usize, text: &str| format!("<script type=\"text/plain\" id=\"{name}-{i}\">{text}</script>\n");
+    let flip = |i: usize, p: &Picture| if p.has_flip { block("flip", i, &p.flip) } else { String::new() };
+    let picture = |(i, p): (usize, &Picture)| block("picture", i, &p.data) + &flip(i, p);
     let pictures: String = gallery.pictures.iter().enumerate().map(picture).collect();
     let scripts: String = SCRIPTS.iter().map(|script| format!("<script>\n{script}</script>\n")).collect();
     // In one sweep, so that nothing filled in is searched for further marks.

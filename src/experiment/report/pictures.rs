@@ -1,8 +1,9 @@
 //! Which pictures the page carries, within a bound on its size.
 
-use super::encode::{half_floats, reduced};
+use super::encode::{half_floats, packed, reduced};
 use crate::experiment::{Outcome, Row, SceneRecord, Status};
 use crate::film::{Image, io::read_exr};
+use crate::metrics::flip;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,9 +32,14 @@ pub struct Picture {
     pub full_width: usize,
     /// Pixels as rendered.
     pub full_height: usize,
+    /// Whether there is a FLIP map.
+    pub has_flip: bool,
     /// [`half_floats`].
     #[serde(skip)]
     pub data: String,
+    /// LDR-FLIP against the reference, a byte a pixel, [`packed`]; empty if there is none of its size.
+    #[serde(skip)]
+    pub flip: String,
 }
 
 /// The pictures of a page.
@@ -51,9 +57,13 @@ pub struct Gallery {
 pub fn gather(outcome: &Outcome, folder: &Path) -> Gallery {
     let mut gallery = Gallery::default();
     let mut room = MAX_BYTES;
+    let mut references: BTreeMap<&str, Image> = BTreeMap::new();
     for scene in &outcome.scenes {
         match reference(scene, folder) {
-            Ok(Some(image)) => add(&mut gallery, &mut room, &scene.name, None, &image),
+            Ok(Some(image)) => {
+                add(&mut gallery, &mut room, (&scene.name, None), &image, None);
+                references.insert(&scene.name, image);
+            }
             Ok(None) => {}
             Err(message) => gallery.left_out.push(message),
         }
@@ -65,7 +75,10 @@ pub fn gather(outcome: &Outcome, folder: &Path) -> Gallery {
         let row = &outcome.rows[index];
         match read_exr(&folder.join(&row.image)) {
             // Neighbours in size are alike in bytes; a picture that does not fit may be followed by a smaller one that does.
-            Ok(image) if least_bytes(&image) <= room => add(&mut gallery, &mut room, &row.scene, Some(index), &image),
+            Ok(image) if least_bytes(&image) <= room => {
+                let reference = references.get(row.scene.as_str());
+                add(&mut gallery, &mut room, (&row.scene, Some(index)), &image, reference);
+            }
             Ok(_) => no_room += 1,
             Err(error) => gallery.left_out.push(format!("{} of {} in {}: {error}", row.budget, row.method, row.scene)),
         }
@@ -86,15 +99,26 @@ pub fn gather(outcome: &Outcome, folder: &Path) -> Gallery {
 /// Deflate rarely makes more than a third of noisy half floats go away.
 fn least_bytes(image: &Image) -> usize {
     let pixels = (image.width() * image.height()).min(MAX_PIXELS);
-    pixels * 6 * 4 / 3
+    pixels * 7 * 4 / 3
 }
 
-fn add(gallery: &mut Gallery, room: &mut usize, scene: &str, row: Option<usize>, image: &Image) {
+/// The FLIP map as a picture is embedded: reduced like it, a byte a pixel.
+fn flip_bytes(image: &Image, reference: &Image) -> Vec<u8> {
+    let map = flip::ldr_map(image, reference);
+    let grey = Image::from_pixels(image.width(), image.height(), map.values().iter().map(|&v| [v; 3]).collect());
+    reduced(&grey, MAX_PIXELS).pixels().iter().map(|p| (255.0 * p[0]).round() as u8).collect()
+}
+
+/// Embeds a picture of (scene, row).
+fn add(gallery: &mut Gallery, room: &mut usize, of: (&str, Option<usize>), image: &Image, reference: Option<&Image>) {
     let small = reduced(image, MAX_PIXELS);
+    let size = |i: &Image| (i.width(), i.height());
+    let flip = reference.filter(|r| size(r) == size(image)).map_or_else(String::new, |r| packed(&flip_bytes(image, r)));
     let data = half_floats(&small);
-    *room = room.saturating_sub(data.len());
-    let (width, height, full_width, full_height) = (small.width(), small.height(), image.width(), image.height());
-    gallery.pictures.push(Picture { scene: scene.to_owned(), row, width, height, full_width, full_height, data });
+    *room = room.saturating_sub(data.len() + flip.len());
+    let ((width, height), (full_width, full_height)) = (size(&small), size(image));
+    let (scene, row, has_flip) = (of.0.to_owned(), of.1, !flip.is_empty());
+    gallery.pictures.push(Picture { scene, row, width, height, full_width, full_height, has_flip, data, flip });
 }
 
 /// The mean of a scene's references.

@@ -22,7 +22,7 @@ const PNG_SCALE: f32 = 3.0;
 /// Distance of the names of methods at the ends of curves.
 const NAME_GAP: f64 = 16.0;
 
-/// Colours after Okabe and Ito, darkened for white paper: readers with any colour vision tell them apart.
+/// Colours after Okabe and Ito [OkabeIto08], darkened for white paper: readers with any colour vision tell them apart.
 const COLOURS: [&str; 8] = ["#0072b2", "#d55e00", "#00855f", "#b4508f", "#b07800", "#3d99cc", "#4b4f58", "#8a6d1f"];
 
 /// Dashes of the first eight methods, the next eight and so on.

@@ -139,17 +139,17 @@ fn plots_are_files_of_their_own() {
     outcome.scenes[0].name = "box/../<1>".into();
     outcome.rows.iter_mut().for_each(|r| r.scene = "box/../<1>".into());
     let (folder, page) = written(&outcome);
-    let svg = std::fs::read_to_string(folder.path().join("plots/box______1_-relmse.svg")).unwrap();
+    let svg = std::fs::read_to_string(folder.path().join("plots/box_____1_-relmse.svg")).unwrap();
     roxmltree::Document::parse(&svg).unwrap();
     assert!(svg.contains("box/../&lt;1&gt;"));
-    let png = image::open(folder.path().join("plots/box______1_-relmse.png")).unwrap().into_rgb8();
+    let png = image::open(folder.path().join("plots/box_____1_-relmse.png")).unwrap().into_rgb8();
     assert_eq!(png.dimensions(), (2160, 1440));
     // The first method's colour is there: its curve was drawn, and so was its name in a font that is always there.
     let blue = |x: std::ops::Range<u32>| {
         x.flat_map(|x| (0..1440).map(move |y| (x, y))).filter(|&(x, y)| png.get_pixel(x, y).0 == [0, 0x72, 0xb2]).count()
     };
     assert!(blue(0..1850) > 2000 && blue(1940..2160) > 100, "{} {}", blue(0..1850), blue(1940..2160));
-    assert!(page.contains("plots/box______1_-relmse"));
+    assert!(page.contains("plots/box_____1_-relmse"));
 }
 
 #[test]
@@ -209,6 +209,9 @@ fn pictures_are_in_the_page_and_what_is_not_is_named() {
     let planes = unpack(element(&page, "id=\"picture-0\">"));
     assert_eq!((planes[..48].to_vec(), planes[48..].to_vec()), (vec![0x40; 48], vec![0; 48]));
     let data: serde_json::Value = serde_json::from_str(element(&page, "id=\"data\">")).unwrap();
+    // The last picture is the first of the method in the page; FLIP is far from 0 where white is 2 and the picture's value i.
+    assert_eq!(data["pictures"][0]["has_flip"], false);
+    assert!(page.contains("id=\"flip-1\""));
     // Of seven times six are kept. The first file is missing, so the five others come with the reference.
     assert_eq!(data["pictures"].as_array().unwrap().len(), 6);
     let left_out = data["pictures_left_out"].to_string();

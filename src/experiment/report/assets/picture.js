@@ -14,10 +14,12 @@ const HALF = Float32Array.from({ length: 65536 }, (_, bits) => {
 const ERROR_LOW = 1e-3;
 const ERROR_SCALE = [[0, 0, 0], [70, 10, 110], [190, 40, 60], [245, 130, 20], [250, 220, 60], [255, 255, 255]];
 const SIGNED_SCALE = [[33, 102, 222], [140, 180, 240], [245, 245, 245], [245, 165, 120], [200, 40, 20]];
+/// The palette magma of van der Walt and Smith (2015), at steps of an eighth.
+const MAGMA = [[0, 0, 4], [28, 16, 68], [79, 18, 123], [129, 37, 129], [181, 54, 122], [229, 80, 100], [251, 135, 97], [254, 194, 135], [252, 253, 191]];
 const NAN_COLOUR = [255, 0, 255];
 
-async function unpack(index) {
-  const text = document.getElementById(`picture-${index}`).textContent;
+async function unpack(id) {
+  const text = document.getElementById(id).textContent;
   const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
@@ -27,7 +29,7 @@ async function unpack(index) {
 const KEPT = 12;
 const unpacked = new Map();
 
-/// A picture: { width, height, bits }, the bits of all red values, then green, then blue.
+/// A picture: { width, height, bits, flip }, the bits of all red values, then green, then blue; a byte a pixel of FLIP, or null.
 function picture(index) {
   if (!unpacked.has(index)) {
     unpacked.set(index, load(index));
@@ -37,11 +39,13 @@ function picture(index) {
 }
 
 async function load(index) {
-  const { width, height } = data.pictures[index];
-  const planes = await unpack(index);
+  const { width, height, has_flip: hasFlip } = data.pictures[index];
+  const planes = await unpack(`picture-${index}`);
   const n = 3 * width * height;
   const bits = Uint16Array.from({ length: n }, (_, i) => (planes[i] << 8) | planes[n + i]);
-  return { width, height, bits };
+  // The reference is no different from itself.
+  const flip = hasFlip ? await unpack(`flip-${index}`) : data.pictures[index].row == null ? new Uint8Array(width * height) : null;
+  return { width, height, bits, flip };
 }
 
 const encode = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
@@ -104,6 +108,11 @@ const MAPS = {
       const difference = (light(image, i) - light(reference, i)) * gain;
       return Number.isNaN(difference) ? NAN_COLOUR : colours[Math.round(256 + Math.min(Math.max(difference, -256), 256))];
     };
+  },
+  // LDR-FLIP at 67 pixels per degree, from 0 (black) to 1.
+  flip: (image) => {
+    const colours = Array.from({ length: 256 }, (_, k) => scaleColour(MAGMA, k / 255));
+    return (i) => colours[image.flip[i]];
   },
   // Root of the channels' mean of (I − R)² / (S² + 0.01), S the reference's mean over 5×5 pixels.
   relative: (image, reference) => {

@@ -69,7 +69,7 @@ async function refresh() {
     const images = await Promise.all(view.slots.map((index) => (index == null ? null : picture(index))));
     if (turn !== latest) return;
     view.images = images;
-    const fits = (image) => view.kind === "picture" || (base && base.width === image.width && base.height === image.height);
+    const fits = (image) => view.kind === "picture" || ((view.kind !== "flip" || image.flip) && base && base.width === image.width && base.height === image.height);
     view.canvases = images.map((image) => (image && fits(image) ? developed(image, base, view.kind, view.exposure) : null));
     const misfit = images.some((image) => image && !fits(image));
     ui.note.textContent = misfit ? "No map: the scene has no reference of this size." : reductionNote();
@@ -164,7 +164,7 @@ function drawScale() {
   if (view.kind === "picture") return;
   const [scale, low, high] = view.kind === "difference"
     ? [SIGNED_SCALE, minus(`-${number(2 ** -view.exposure, 2)}`), `+${number(2 ** -view.exposure, 2)} luminance`]
-    : [ERROR_SCALE, "0.001", "1 relative error"];
+    : view.kind === "flip" ? [MAGMA, "0", "1 FLIP"] : [ERROR_SCALE, "0.001", "1 relative error"];
   const [from, canvas, to] = ui.scale.children;
   from.textContent = low;
   to.textContent = high;
@@ -311,7 +311,7 @@ function startViewer() {
   ui.scene = el("select", { id: "view-scene", onchange: () => { view.scene = Number(ui.scene.value); firstPictures(); fillPickers(); fit(); refresh(); } }, withPictures.map(([name, i]) => el("option", { value: i }, name)));
   ui.pickers = [0, 1].map((slot) => el("select", { id: `view-${"ab"[slot]}`, onchange: (e) => { view.slots[slot] = Number(e.target.value); view.front = slot; refresh(); } }));
   ui.mode = choice("Arrangement", [["flip", "Flip"], ["split", "Swipe"], ["side", "Side by side"]], (mode) => { view.mode = mode; draw(); });
-  ui.kind = choice("What is shown", [["picture", "Picture"], ["difference", "Difference"], ["relative", "Relative error"]], (kind) => { view.kind = kind; refresh(); });
+  ui.kind = choice("What is shown", [["picture", "Picture"], ["difference", "Difference"], ["relative", "Relative error"], ...(data.pictures.some((p) => p.has_flip) ? [["flip", "FLIP"]] : [])], (kind) => { view.kind = kind; refresh(); });
   ui.exposure = el("input", { type: "range", id: "exposure", min: -8, max: 8, step: 0.25, value: 0, oninput: () => setExposure(Number(ui.exposure.value)) });
   ui.zoom = el("span", {}, "1×");
   ui.canvas = el("canvas", { id: "stage", tabindex: 0, role: "img", onkeydown: keys });
