@@ -161,9 +161,9 @@ async function viewer() {
   await shot("swipe", "#viewer");
   for (const kind of ["difference", "relative", ...((await evaluate("data.pictures.some((p) => p.has_flip)")) ? ["flip"] : [])]) {
     const last = await stage();
-    await press(`.choice button[value=${kind}]`);
+    await press(`.choice[aria-label="What is shown"] button[value=${kind}]`);
     await pause(1500);
-    check(`the map "${kind}" is another picture`, (await stage()) !== last);
+    check(`the map "${kind}" is another picture`, (await stage()) !== last && (await evaluate("view.kind")) === kind);
     await shot(kind, "#viewer");
   }
   await press(".choice button[value=picture]");

@@ -179,7 +179,7 @@ function drawPlot(host, scene) {
   const height = Math.round(Math.min(Math.max(0.56 * width, 330), 580));
   const labelled = width >= NARROW;
   const longest = Math.max(...curves.map((curve) => methodName(curve.method).length));
-  const frame = { left: 68, right: width - (labelled ? Math.min(26 + 7.3 * longest, 0.28 * width) : 12), top: 12, bottom: height - 54 };
+  const frame = { left: 68, right: width - (labelled ? Math.min(24 + 8 * longest, 0.3 * width) : 12), top: 12, bottom: height - 54 };
   const times = points.map((p) => p.time);
   const x = logAxis(Math.min(...times), Math.max(...times), frame.left, frame.right);
   const [least, most] = [Math.min(...errors), Math.max(...errors)];
