@@ -37,7 +37,7 @@ pub struct Picture {
     /// [`half_floats`].
     #[serde(skip)]
     pub data: String,
-    /// LDR-FLIP against the reference, a byte a pixel, [`packed`]; empty if there is none of its size.
+    /// LDR-FLIP against the reference, 255 times its root a pixel, [`packed`]; empty if there is none of its size.
     #[serde(skip)]
     pub flip: String,
 }
@@ -102,11 +102,11 @@ fn least_bytes(image: &Image) -> usize {
     pixels * 7 * 4 / 3
 }
 
-/// The FLIP map as a picture is embedded: reduced like it, a byte a pixel.
+/// The FLIP map as a picture is embedded: reduced like it, the root of each value as a byte, so that small ones keep their digits.
 fn flip_bytes(image: &Image, reference: &Image) -> Vec<u8> {
     let map = flip::ldr_map(image, reference);
     let grey = Image::from_pixels(image.width(), image.height(), map.values().iter().map(|&v| [v; 3]).collect());
-    reduced(&grey, MAX_PIXELS).pixels().iter().map(|p| (255.0 * p[0]).round() as u8).collect()
+    reduced(&grey, MAX_PIXELS).pixels().iter().map(|p| (255.0 * p[0].sqrt()).round() as u8).collect()
 }
 
 /// Embeds a picture of (scene, row).

@@ -29,7 +29,7 @@ async function unpack(id) {
 const KEPT = 12;
 const unpacked = new Map();
 
-/// A picture: { width, height, bits, flip }, the bits of all red values, then green, then blue; a byte a pixel of FLIP, or null.
+/// A picture: { width, height, bits, flip }, the bits of all red values, then green, then blue; roots of FLIP as bytes, or null.
 function picture(index) {
   if (!unpacked.has(index)) {
     unpacked.set(index, load(index));
@@ -109,10 +109,10 @@ const MAPS = {
       return Number.isNaN(difference) ? NAN_COLOUR : colours[Math.round(256 + Math.min(Math.max(difference, -256), 256))];
     };
   },
-  // LDR-FLIP at 67 pixels per degree, from 0 (black) to 1.
-  flip: (image) => {
-    const colours = Array.from({ length: 256 }, (_, k) => scaleColour(MAGMA, k / 255));
-    return (i) => colours[image.flip[i]];
+  // LDR-FLIP at 67 pixels per degree, from 0 (black) to 1 at exposure 0. Bytes are roots.
+  flip: (image, reference, exposure) => {
+    const colours = Array.from({ length: 256 }, (_, k) => scaleColour(MAGMA, (k / 255) ** 2 * 2 ** exposure));
+    return (i) => (Number.isNaN(HALF[image.bits[i]]) ? NAN_COLOUR : colours[image.flip[i]]);
   },
   // Root of the channels' mean of (I − R)² / (S² + 0.01), S the reference's mean over 5×5 pixels.
   relative: (image, reference) => {

@@ -164,7 +164,7 @@ function drawScale() {
   if (view.kind === "picture") return;
   const [scale, low, high] = view.kind === "difference"
     ? [SIGNED_SCALE, minus(`-${number(2 ** -view.exposure, 2)}`), `+${number(2 ** -view.exposure, 2)} luminance`]
-    : view.kind === "flip" ? [MAGMA, "0", "1 FLIP"] : [ERROR_SCALE, "0.001", "1 relative error"];
+    : view.kind === "flip" ? [MAGMA, "0", `${number(2 ** -view.exposure, 2)} FLIP`] : [ERROR_SCALE, "0.001", "1 relative error"];
   const [from, canvas, to] = ui.scale.children;
   from.textContent = low;
   to.textContent = high;
@@ -327,7 +327,7 @@ function startViewer() {
     el("div", { class: "bar" }, el("label", {}, el("span", {}, "Scene"), ui.scene), el("label", {}, el("span", {}, "A"), ui.pickers[0]), el("label", {}, el("span", {}, "B"), ui.pickers[1]), button("A ⇄ B", "Exchange A and B", swap)),
     el("div", { class: "bar" }, ui.mode, el("button", { type: "button", id: "flip", onclick: flip }, "Flip A/B"), ui.kind,
       el("label", {}, el("span", {}, "Exposure"), ui.exposure, el("output", { for: "exposure" })),
-      el("span", {}, "Zoom "), button("−", "Zoom out", () => zoomBy(0.8)), ui.zoom, button("+", "Zoom in", () => zoomBy(1.25)), button("Fit", "Fit to the frame", fit)),
+      el("span", { class: "zoom" }, "Zoom ", button("−", "Zoom out", () => zoomBy(0.8)), ui.zoom, button("+", "Zoom in", () => zoomBy(1.25)), button("Fit", "Fit to the frame", fit))),
     ui.stage, ui.scale, ui.values, ui.note,
     el("p", { class: "keys" }, el("kbd", {}, "space"), " or a click flips, ", el("kbd", {}, "+"), el("kbd", {}, "−"), el("kbd", {}, "0"), " or the wheel over a clicked picture zooms, arrows or a drag pan, ", el("kbd", {}, "["), el("kbd", {}, "]"), " exposure, ", el("kbd", {}, "<"), el("kbd", {}, ">"), " divider. Values are half floats: about three digits."),
   );
