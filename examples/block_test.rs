@@ -38,8 +38,9 @@ fn main() -> Result<ExitCode, Box<dyn std::error::Error>> {
     for seed in 1..=replicas {
         let budget = Budget { spp: Some(spp), ..Budget::default() };
         let settings = RenderSettings { method, sampler, seed, budget, ..RenderSettings::default() };
-        images
-            .push(render(scene.clone(), &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {})?.film.image());
+        images.push(
+            render(scene.clone(), &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {})?.film.image(),
+        );
     }
     let test = block_test(&images, &Reference { halves: [&a, &b], variance: &variance, passes })?;
     for ((x, y), t) in test.failing().take(SHOWN) {

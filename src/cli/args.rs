@@ -310,6 +310,9 @@ pub struct CompareArgs {
     /// Write a false-colour picture of the relative error: black 0.001, white 1, logarithmic
     #[arg(long, value_name = "FILE.png")]
     pub diff: Option<PathBuf>,
+    /// Write the map of HDR-FLIP, the difference that a person sees, in the magma palette: black 0, pale yellow 1
+    #[arg(long, value_name = "FILE.png")]
+    pub flip: Option<PathBuf>,
     /// Leave out the pixels that are white in this picture
     #[arg(long, value_name = "FILE.png")]
     pub mask: Option<PathBuf>,

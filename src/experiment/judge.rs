@@ -100,4 +100,5 @@ fn fill(row: &mut Row, metrics: &Metrics) {
     row.relmse_off_emitters = metrics.relmse_off_emitters;
     [row.mean_ratio_r, row.mean_ratio_g, row.mean_ratio_b] = metrics.mean_ratio.map(Some);
     row.block9_rms = Some(metrics.block9_rms);
+    (row.flip_ldr, row.flip_hdr) = (Some(metrics.flip_ldr), Some(metrics.flip_hdr));
 }

@@ -13,6 +13,7 @@ mod judge;
 mod own;
 mod pass_one;
 pub mod plan;
+pub mod report;
 pub mod row;
 mod run;
 mod store;

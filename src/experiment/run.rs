@@ -8,6 +8,7 @@ use super::judge::{Judge, JudgeError};
 use super::own;
 use super::pass_one;
 use super::plan::{Plan, ScenePlan};
+use super::report;
 use super::row::{Outcome, Row, SceneRecord, Status};
 use super::store::{Digest, Store, StoreError, write_text};
 use crate::film::Layer;
@@ -128,10 +129,11 @@ pub fn run(experiment: &Experiment<'_>, listen: &mut dyn FnMut(&Event<'_>)) -> R
     Ok(Finished { outcome, stopped })
 }
 
-/// Writes what a reader of the results needs beside `rows.csv`. The plots and the page are made here too.
+/// Writes what a reader of the results needs beside `rows.csv`. Plots and page are made of it.
 fn publish(outcome: &Outcome, folder: &Path) -> Result<(), WriteError> {
     let json = serde_json::to_string_pretty(outcome).expect("text keys and plain values always become JSON");
-    write_text(&folder.join("experiment.json"), &(json + "\n"))
+    write_text(&folder.join("experiment.json"), &(json + "\n"))?;
+    report::write(outcome, folder)
 }
 
 fn is_wanted(experiment: &Experiment<'_>, job: &Job) -> bool {

@@ -14,41 +14,47 @@ const DRAWS: usize = 400;
 
 /// Standard error of the mean of `term` over kept pixels and channels.
 pub(super) fn standard_error(size: (usize, usize), kept: &[bool], term: impl Fn(usize) -> [f64; 3]) -> f64 {
-    let blocks = block_sums(size, kept, term);
+    of_statistic(size, kept, |i| [term(i).iter().sum::<f64>(), 3.0], |[sum, count]| sum / count)
+}
+
+/// Standard error of any figure computed from sums of N values a pixel over kept pixels, such as a ratio of two means.
+pub(super) fn of_statistic<const N: usize>(
+    size: (usize, usize),
+    kept: &[bool],
+    values: impl Fn(usize) -> [f64; N],
+    statistic: impl Fn([f64; N]) -> f64,
+) -> f64 {
+    let blocks = block_sums(size, kept, values);
     let mut random = SplitMix(0);
-    let means: Vec<f64> = (0..DRAWS).map(|_| resampled_mean(&blocks, &mut random)).collect();
-    let mean = means.iter().sum::<f64>() / DRAWS as f64;
-    (means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (DRAWS - 1) as f64).sqrt()
+    let draws: Vec<f64> = (0..DRAWS).map(|_| statistic(resampled(&blocks, &mut random))).collect();
+    let mean = draws.iter().sum::<f64>() / DRAWS as f64;
+    (draws.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (DRAWS - 1) as f64).sqrt()
 }
 
-/// Sum and count of a block's values.
-#[derive(Clone, Copy, Default)]
-struct Block {
-    sum: f64,
-    count: f64,
-}
-
-fn block_sums((width, height): (usize, usize), kept: &[bool], term: impl Fn(usize) -> [f64; 3]) -> Vec<Block> {
+/// Sums over each block that has a kept pixel.
+fn block_sums<const N: usize>(
+    (width, height): (usize, usize),
+    kept: &[bool],
+    values: impl Fn(usize) -> [f64; N],
+) -> Vec<[f64; N]> {
     let side = ((width * height / FEWEST_BLOCKS).isqrt()).clamp(1, SIDE);
     let across = width.div_ceil(side);
-    let mut blocks = vec![Block::default(); across * height.div_ceil(side)];
+    let mut blocks = vec![None; across * height.div_ceil(side)];
     for i in (0..kept.len()).filter(|&i| kept[i]) {
-        let block = &mut blocks[i / width / side * across + i % width / side];
-        block.sum += term(i).iter().sum::<f64>();
-        block.count += 3.0;
+        let block = blocks[i / width / side * across + i % width / side].get_or_insert([0.0; N]);
+        block.iter_mut().zip(values(i)).for_each(|(sum, v)| *sum += v);
     }
-    blocks.retain(|b| b.count > 0.0);
-    blocks
+    blocks.into_iter().flatten().collect()
 }
 
-fn resampled_mean(blocks: &[Block], random: &mut SplitMix) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
+/// Sums over as many blocks as there are, drawn with replacement.
+fn resampled<const N: usize>(blocks: &[[f64; N]], random: &mut SplitMix) -> [f64; N] {
+    let mut sums = [0.0; N];
     for _ in 0..blocks.len() {
-        let block = blocks[random.below(blocks.len())];
-        sum += block.sum;
-        count += block.count;
+        let block = &blocks[random.below(blocks.len())];
+        sums.iter_mut().zip(block).for_each(|(sum, v)| *sum += v);
     }
-    sum / count
+    sums
 }
 
 /// The SplitMix64 generator (Steele, Lea, Flood 2014).
@@ -81,6 +87,18 @@ mod tests {
         let got = standard_error((128, 128), &vec![true; values.len()], |i| [values[i]; 3]);
         let want = (1.0 / 12.0 / values.len() as f64).sqrt();
         // 64 blocks and 400 draws: the estimate's own relative standard error is about 1/sqrt(128) + 3.5 %; three of these.
+        assert!((got / want - 1.0).abs() < 0.3, "{got}, expected {want}");
+    }
+
+    /// A ratio of two means of independent values: by propagation of errors its relative variance is the sum of theirs.
+    #[test]
+    fn a_ratio_has_the_error_of_both_its_parts() {
+        let mut random = SplitMix(3);
+        let mut uniform = || (random.next() >> 11) as f64 / (1_u64 << 53) as f64;
+        let values: Vec<[f64; 2]> = (0..128 * 128).map(|_| [4.0 + uniform(), 2.0 + uniform()]).collect();
+        let got = of_statistic((128, 128), &vec![true; values.len()], |i| values[i], |[a, b]| a / b);
+        let variance = 1.0 / 12.0 / values.len() as f64;
+        let want = 4.5 / 2.5 * (variance / 4.5_f64.powi(2) + variance / 2.5_f64.powi(2)).sqrt();
         assert!((got / want - 1.0).abs() < 0.3, "{got}, expected {want}");
     }
 

@@ -2,29 +2,19 @@
 //!
 //! With two independent references A and B a squared error is the cross product (I−A)(I−B): the noise of A and of B is not
 //! correlated, so its mean has no floor from the references and may even be negative. With one reference it is (I−A)².
-//! Everything is computed in f64, per channel, on linear values. The perceptual metric FLIP is not here yet.
+//! Everything is computed in f64, per channel, on linear values. FLIP, the difference that a person sees, compares with
+//! the mean of A and B.
 
 pub mod block_test;
 mod bootstrap;
 pub mod false_colour;
+pub mod flip;
+mod terms;
 mod window;
 
 use crate::film::{Image, Mask};
+use terms::Terms;
 use thiserror::Error;
-use window::window_means;
-
-/// Added to the squared reference, so that dark pixels do not decide alone: (0.1 radiance)².
-const RELATIVE_FLOOR: f64 = 0.01;
-
-/// The same for means of 9x9 pixels, which carry far less noise: (0.01 radiance)². Small beside any block that is seen, and
-/// a black block stays finite.
-const BLOCK_FLOOR: f64 = 1e-4;
-
-/// Side of the blocks of [`Metrics::block9_rms`] in pixels.
-const BLOCK_SIDE: usize = 9;
-
-/// Share of the pixels that [`Metrics::trimmed_relmse`] leaves out.
-const TRIMMED_SHARE: f64 = 0.01;
 
 /// What is compared with what.
 #[derive(Debug, Clone, Copy)]
@@ -61,6 +51,12 @@ pub struct Metrics {
     /// Root of the mean over 9x9-pixel blocks and channels of (Ī−Ā)(Ī−B̄)/(R̄²+1e-4), with its sign: bars are means over a
     /// block, R = (A+B)/2. Blocks at the right and lower border are smaller.
     pub block9_rms: f64,
+    /// Mean of LDR-FLIP: linear values cut to [0, 1] at exposure 0, then the sRGB curve; 67 pixels per degree.
+    pub flip_ldr: f64,
+    /// Mean of HDR-FLIP, exposures by [`flip::Exposures::of`] (A+B)/2, ACES curve; 67 pixels per degree.
+    pub flip_hdr: f64,
+    /// Standard errors of the other figures, as `relmse_se`.
+    pub standard_errors: StandardErrors,
     /// True if an estimate is negative: the picture is closer to the truth than the references can tell.
     pub below_reference_noise: bool,
     /// Pixels that counted.
@@ -69,6 +65,19 @@ pub struct Metrics {
     pub n_not_finite: usize,
     /// Column and row of the first such pixel.
     pub first_not_finite: Option<(usize, usize)>,
+}
+
+/// Standard errors by bootstrap over blocks of pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StandardErrors {
+    /// Of [`Metrics::trimmed_relmse`].
+    pub trimmed_relmse: Option<f64>,
+    /// Of [`Metrics::relmse_off_emitters`].
+    pub relmse_off_emitters: Option<f64>,
+    /// Of [`Metrics::mean_ratio`], per channel.
+    pub mean_ratio: [f64; 3],
+    /// Of [`Metrics::block9_rms`].
+    pub block9_rms: f64,
 }
 
 /// Why a comparison is not possible.
@@ -111,27 +120,66 @@ pub fn compare(comparison: &Comparison) -> Result<Metrics, MetricsError> {
         (0..terms.len()).map(|i| !in_mask(comparison.left_out, i) && !in_mask(mask, i)).collect()
     };
     let all = kept(None);
+    let relative = |kept: &[bool]| terms.mean(kept, |i| terms.relative(i)).ok_or(MetricsError::Empty);
+    let relative_error = |kept: &[bool]| bootstrap::standard_error(terms.size(), kept, |i| terms.relative(i));
     let mse = terms.mean(&all, |i| terms.squared(i)).ok_or(MetricsError::Empty)?;
-    let relmse = terms.mean(&all, |i| terms.relative(i)).ok_or(MetricsError::Empty)?;
-    let trimmed = comparison.b.map(|_| terms.trimmed(&all));
-    let off_emitters = comparison.emitters.map(|mask| terms.mean(&kept(Some(mask)), |i| terms.relative(i)));
-    let block_mean = terms.block_mean(&all);
-    let trimmed_relmse = trimmed.map(|m| m.ok_or(MetricsError::Empty)).transpose()?;
+    let relmse = relative(&all)?;
+    let certain = comparison.b.map(|_| terms.without_least_certain(&all));
+    let off_emitters = comparison.emitters.map(|mask| kept(Some(mask)));
+    let trimmed_relmse = certain.as_deref().map(relative).transpose()?;
+    let blocks = terms.blocks(&all);
+    let block_mean = blocks.mean();
     let (n_not_finite, first_not_finite) = not_finite(comparison.image, &all);
+    let [flip_ldr, flip_hdr] = flip_means(comparison, &all);
     Ok(Metrics {
         mse,
         rmse: signed_root(mse),
         relmse,
-        relmse_se: bootstrap::standard_error(terms.size(), &all, |i| terms.relative(i)),
+        relmse_se: relative_error(&all),
         trimmed_relmse,
-        relmse_off_emitters: off_emitters.map(|m| m.ok_or(MetricsError::Empty)).transpose()?,
+        relmse_off_emitters: off_emitters.as_deref().map(relative).transpose()?,
         mean_ratio: terms.mean_ratio(&all),
         block9_rms: signed_root(block_mean),
+        flip_ldr,
+        flip_hdr,
+        standard_errors: StandardErrors {
+            trimmed_relmse: certain.as_deref().map(relative_error),
+            relmse_off_emitters: off_emitters.as_deref().map(relative_error),
+            mean_ratio: terms.mean_ratio_errors(&all),
+            block9_rms: blocks.root_error(),
+        },
         below_reference_noise: [mse, relmse, block_mean, trimmed_relmse.unwrap_or(0.0)].iter().any(|&v| v < 0.0),
         n_pixels: all.iter().filter(|&&k| k).count(),
         n_not_finite,
         first_not_finite,
     })
+}
+
+/// Means of LDR- and HDR-FLIP over kept pixels; NaN if a kept pixel is not finite.
+fn flip_means(comparison: &Comparison, kept: &[bool]) -> [f64; 2] {
+    let (image, reference) = flip_pair(comparison);
+    if image.pixels().iter().flatten().any(|v| !v.is_finite()) {
+        return [f64::NAN; 2];
+    }
+    [flip::ldr_map, flip::hdr_map].map(|map| {
+        let map = map(&image, &reference);
+        let values = || map.values().iter().zip(kept).filter(|(_, kept)| **kept).map(|(&v, _)| f64::from(v));
+        values().sum::<f64>() / values().count() as f64
+    })
+}
+
+/// What FLIP compares: the picture and (A+B)/2. Pixels that are left out become those of the reference, so that their neighbours,
+/// whose filters reach them, see no difference there.
+pub fn flip_pair(comparison: &Comparison) -> (Image, Image) {
+    let (a, b) = (comparison.a, comparison.b.unwrap_or(comparison.a));
+    let mean = |(a, b): (&[f32; 3], &[f32; 3])| std::array::from_fn(|c| 0.5 * (a[c] + b[c]));
+    let reference = Image::from_pixels(a.width(), a.height(), a.pixels().iter().zip(b.pixels()).map(mean).collect());
+    let mut image = comparison.image.clone();
+    if let Some(mask) = comparison.left_out {
+        let left_out = mask.values().iter().zip(reference.pixels()).zip(image.pixels_mut());
+        left_out.filter(|((left_out, _), _)| **left_out).for_each(|((_, reference), pixel)| *pixel = *reference);
+    }
+    (image, reference)
 }
 
 fn signed_root(value: f64) -> f64 {
@@ -166,134 +214,6 @@ fn not_finite(image: &Image, kept: &[bool]) -> (usize, Option<(usize, usize)>) {
         None => (0, None),
         Some(first) => (1 + all.count(), Some((first % image.width(), first / image.width()))),
     }
-}
-
-/// The pictures in f64 with the local mean of the references.
-struct Terms<'a> {
-    image: &'a Image,
-    a: &'a Image,
-    b: &'a Image,
-    local_mean: Vec<[f64; 3]>,
-}
-
-impl<'a> Terms<'a> {
-    fn new(comparison: &Comparison<'a>) -> Self {
-        let (a, b) = (comparison.a, comparison.b.unwrap_or(comparison.a));
-        let mean: Vec<[f64; 3]> = (0..a.pixels().len()).map(|i| reference(a, b, i)).collect();
-        Self { image: comparison.image, a, b, local_mean: window_means(&mean, a.width(), a.height()) }
-    }
-
-    fn len(&self) -> usize {
-        self.image.pixels().len()
-    }
-
-    fn size(&self) -> (usize, usize) {
-        (self.image.width(), self.image.height())
-    }
-
-    /// (I−A)(I−B) of a pixel, per channel.
-    fn squared(&self, i: usize) -> [f64; 3] {
-        let (image, a, b) = (wide(self.image, i), wide(self.a, i), wide(self.b, i));
-        std::array::from_fn(|c| (image[c] - a[c]) * (image[c] - b[c]))
-    }
-
-    /// (I−A)(I−B)/(S²+0.01) of a pixel, per channel.
-    fn relative(&self, i: usize) -> [f64; 3] {
-        let (squared, s) = (self.squared(i), self.local_mean[i]);
-        std::array::from_fn(|c| squared[c] / (s[c] * s[c] + RELATIVE_FLOOR))
-    }
-
-    /// Mean of a term over kept pixels and channels; `None` if no pixel is kept.
-    fn mean(&self, kept: &[bool], term: impl Fn(usize) -> [f64; 3]) -> Option<f64> {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for i in (0..kept.len()).filter(|&i| kept[i]) {
-            sum += term(i).iter().sum::<f64>();
-            count += 3.0;
-        }
-        (count > 0.0).then(|| sum / count)
-    }
-
-    /// Relative error without the pixels in which the references differ most.
-    fn trimmed(&self, kept: &[bool]) -> Option<f64> {
-        let worst = self.least_certain();
-        let kept: Vec<bool> = kept.iter().zip(&worst).map(|(k, w)| *k && !*w).collect();
-        self.mean(&kept, |i| self.relative(i))
-    }
-
-    /// The 1 % of all pixels with the largest (A−B)²/(S²+0.01), summed over channels: the same for every picture.
-    fn least_certain(&self) -> Vec<bool> {
-        let score = |i: usize| -> f64 {
-            let (a, b, s) = (wide(self.a, i), wide(self.b, i), self.local_mean[i]);
-            (0..3).map(|c| (a[c] - b[c]).powi(2) / (s[c] * s[c] + RELATIVE_FLOOR)).sum()
-        };
-        let scores: Vec<f64> = (0..self.len()).map(score).collect();
-        let mut order: Vec<usize> = (0..self.len()).collect();
-        order.sort_by(|&i, &j| scores[j].total_cmp(&scores[i]).then(i.cmp(&j)));
-        let mut worst = vec![false; self.len()];
-        let n_trimmed = (TRIMMED_SHARE * self.len() as f64).round() as usize;
-        order[..n_trimmed].iter().for_each(|&i| worst[i] = true);
-        worst
-    }
-
-    fn mean_ratio(&self, kept: &[bool]) -> [f64; 3] {
-        let mut sums = [[0.0; 3]; 2];
-        for i in (0..kept.len()).filter(|&i| kept[i]) {
-            let (image, reference) = (wide(self.image, i), reference(self.a, self.b, i));
-            (0..3).for_each(|c| sums[0][c] += image[c]);
-            (0..3).for_each(|c| sums[1][c] += reference[c]);
-        }
-        std::array::from_fn(|c| if sums[0][c] == sums[1][c] { 1.0 } else { sums[0][c] / sums[1][c] })
-    }
-
-    /// Mean over blocks and channels of the squared relative error of block means.
-    fn block_mean(&self, kept: &[bool]) -> f64 {
-        let (width, height) = self.size();
-        let (mut sum, mut count) = (0.0, 0.0);
-        for y in (0..height).step_by(BLOCK_SIDE) {
-            for x in (0..width).step_by(BLOCK_SIDE) {
-                let pixels = block_pixels(x, y, width, height).filter(|&i| kept[i]);
-                if let Some(error) = self.block_error(pixels) {
-                    sum += error;
-                    count += 3.0;
-                }
-            }
-        }
-        sum / count
-    }
-
-    /// Sum over channels of (Ī−Ā)(Ī−B̄)/(R̄²+1e-4) of one block; `None` if it has no pixel.
-    fn block_error(&self, pixels: impl Iterator<Item = usize>) -> Option<f64> {
-        let mut sums = [[0.0; 3]; 3];
-        let mut n = 0.0;
-        for i in pixels {
-            for (sum, image) in sums.iter_mut().zip([self.image, self.a, self.b]) {
-                let pixel = wide(image, i);
-                (0..3).for_each(|c| sum[c] += pixel[c]);
-            }
-            n += 1.0;
-        }
-        let [image, a, b] = sums.map(|sum| sum.map(|v| v / n));
-        let error = |c: usize| {
-            let reference = 0.5 * (a[c] + b[c]);
-            (image[c] - a[c]) * (image[c] - b[c]) / (reference * reference + BLOCK_FLOOR)
-        };
-        (n > 0.0).then(|| (0..3).map(error).sum())
-    }
-}
-
-fn block_pixels(x: usize, y: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
-    let rows = y..(y + BLOCK_SIDE).min(height);
-    rows.flat_map(move |row| (x..(x + BLOCK_SIDE).min(width)).map(move |column| row * width + column))
-}
-
-fn wide(image: &Image, i: usize) -> [f64; 3] {
-    image.pixels()[i].map(f64::from)
-}
-
-/// (A+B)/2 of a pixel.
-fn reference(a: &Image, b: &Image, i: usize) -> [f64; 3] {
-    let (a, b) = (wide(a, i), wide(b, i));
-    std::array::from_fn(|c| 0.5 * (a[c] + b[c]))
 }
 
 #[cfg(test)]

@@ -207,7 +207,7 @@ pub fn render_world(
     } else {
         None
     };
-    if let (true, Some(pass_one)) = (progressive, pass_one.take()) {
+    if progressive && let Some(pass_one) = pass_one.take() {
         let mut method = Progressive::new(&world, settings, settings.integrator(max_depth)?, pass_one, counts);
         let driven = watch.time(Stage::Render, || drive(&mut method, &frame, &budget, clocks, observer, snapshot));
         watch.take_off(Stage::Render, clocks.excluded());

@@ -29,7 +29,7 @@ fn slope(sampler: SamplerKind) -> f64 {
     let [a, b] = reference("cornell-box");
     let mut points: Vec<(f64, f64)> = Vec::new();
     let shot = Shot { spp: 64, method: Method::Path, sampler, ..Shot::new("cornell-box") };
-    rendered_with(&shot, &mut |film| {
+    rendered_with(&shot, &mut |film, _| {
         let n = film.n_passes();
         if n >= 4 && n.is_power_of_two() {
             let comparison = Comparison { image: &film.image(), a: &a, b: Some(&b), left_out: None, emitters: None };

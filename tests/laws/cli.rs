@@ -100,7 +100,7 @@ fn compare_prints_one_figure_a_line() {
     let (out, _) = place.expect(0, "compare i.exr a.exr");
     assert!((value(&out, "relmse") - 0.25 / 1.01).abs() < 1e-6, "{out}");
     assert!((value(&out, "mean_ratio_g") - 1.5).abs() < 1e-6, "{out}");
-    assert!(!out.contains("trimmed") && !out.contains("flip") && !out.contains("off_emitters"), "{out}");
+    assert!(!out.contains("trimmed") && !out.contains("off_emitters"), "{out}");
     assert!(out.contains("below_reference_noise false"), "{out}");
 
     let (out, _) = place.expect(0, "compare i.exr a.exr i.exr --json");
@@ -114,7 +114,7 @@ fn compare_gives_zeros_for_equal_files() {
     let place = Place::new();
     write(&place.path("a.exr"), picture(33, 7, 0.3));
     let (out, _) = place.expect(0, "compare a.exr a.exr");
-    for name in ["mse", "rmse", "relmse", "relmse_se", "block9_rms", "nan_pixels"] {
+    for name in ["mse", "rmse", "relmse", "relmse_se", "block9_rms", "flip_ldr", "flip_hdr", "nan_pixels"] {
         assert_eq!(value(&out, name), 0.0, "{name}");
     }
 }
@@ -127,8 +127,10 @@ fn compare_leaves_out_what_the_mask_shows() {
     write(&place.path("i.exr"), image);
     write(&place.path("a.exr"), picture(4, 1, 1.0));
     write_png_bytes(&place.path("m.png"), 4, 1, &[0, 0, 0, 255, 255, 255, 0, 0, 0, 0, 0, 0]).expect("writable");
-    let (out, _) = place.expect(0, "compare i.exr a.exr --mask m.png --diff d.png");
+    let (out, _) = place.expect(0, "compare i.exr a.exr --mask m.png --diff d.png --flip f.png");
     assert_eq!(value(&out, "mse"), 0.0);
+    assert_eq!(value(&out, "flip_hdr"), 0.0, "the filters of FLIP saw what is left out");
+    assert!(place.path("f.png").exists());
     assert_eq!(value(&out, "pixels"), 3.0);
     assert!(place.path("d.png").exists());
     let (out, _) = place.expect(0, "compare i.exr a.exr --emitters m.png");

@@ -22,6 +22,7 @@ mod loading_meshes;
 mod loading_models;
 mod loading_shapes;
 mod material_laws;
+mod metrics;
 mod patches;
 mod path;
 mod specular;

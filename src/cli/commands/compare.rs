@@ -7,14 +7,16 @@ use serde_json::{Map, Value};
 use std::path::Path;
 use twopass::film::Mask;
 use twopass::film::io::{probe_writable, read_exr, read_mask, write_png_bytes};
-use twopass::metrics::{Comparison, Metrics, compare, false_colour};
+use twopass::metrics::{Comparison, Metrics, compare, false_colour, flip, flip_pair};
 
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &CompareArgs) -> Result<(), Failure> {
     if let Some(path) = &common.report {
         return Err(Failure::Usage(format!("compare makes no run report (--report {}); its result is --json", path.display())));
     }
-    args.diff.as_deref().map_or(Ok(()), probe_writable)?;
+    for path in [&args.diff, &args.flip].into_iter().flatten() {
+        probe_writable(path)?;
+    }
     let image = read_exr(&args.image)?;
     let a = read_exr(&args.a)?;
     let b = args.b.as_deref().map(read_exr).transpose()?;
@@ -24,6 +26,11 @@ pub fn run(common: &Common, args: &CompareArgs) -> Result<(), Failure> {
     let metrics = compare(&comparison)?;
     if let Some(path) = &args.diff {
         write_png_bytes(path, image.width(), image.height(), &false_colour::error_picture(&comparison)?)?;
+        say(common, &format!("wrote {}", path.display()));
+    }
+    if let Some(path) = &args.flip {
+        let (image, reference) = flip_pair(&comparison);
+        write_png_bytes(path, image.width(), image.height(), &flip::magma_picture(&flip::hdr_map(&image, &reference)))?;
         say(common, &format!("wrote {}", path.display()));
     }
     print(&if args.json { json(&metrics) } else { lines(&metrics) })?;
@@ -37,9 +44,11 @@ pub fn run(common: &Common, args: &CompareArgs) -> Result<(), Failure> {
     }
 }
 
-/// The figures that exist, by name, in the order of the command's description.
+/// The figures that exist, by name, in the order of the command's description; then standard errors.
 fn figures(m: &Metrics) -> Vec<(&'static str, f64)> {
     let [r, g, b] = m.mean_ratio;
+    let errors = &m.standard_errors;
+    let [r_error, g_error, b_error] = errors.mean_ratio;
     let all = [
         ("mse", Some(m.mse)),
         ("rmse", Some(m.rmse)),
@@ -51,6 +60,14 @@ fn figures(m: &Metrics) -> Vec<(&'static str, f64)> {
         ("mean_ratio_g", Some(g)),
         ("mean_ratio_b", Some(b)),
         ("block9_rms", Some(m.block9_rms)),
+        ("flip_ldr", Some(m.flip_ldr)),
+        ("flip_hdr", Some(m.flip_hdr)),
+        ("trimmed_relmse_se", errors.trimmed_relmse),
+        ("relmse_off_emitters_se", errors.relmse_off_emitters),
+        ("mean_ratio_r_se", Some(r_error)),
+        ("mean_ratio_g_se", Some(g_error)),
+        ("mean_ratio_b_se", Some(b_error)),
+        ("block9_rms_se", Some(errors.block9_rms)),
     ];
     all.into_iter().filter_map(|(name, value)| Some((name, value?))).collect()
 }
