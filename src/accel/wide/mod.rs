@@ -18,7 +18,7 @@ mod portable;
 
 use std::sync::Arc;
 
-use super::bvh::Tree;
+use super::bvh::Draft;
 use super::query::Query;
 use super::{Accel, Hit, Ray, Soup};
 use layout::{Child, Node, Packet};
@@ -37,9 +37,9 @@ pub struct Wide {
 impl Wide {
     /// Builds the tree and chooses the vector operations.
     pub fn new(soup: Arc<Soup>) -> Self {
-        let collapsed = collapse::collapse(&Tree::build(&soup), &soup);
+        let collapsed = collapse::collapse(&Draft::build(&soup), &soup);
         let collapsed =
-            if collapsed.depth > MAX_DEPTH { collapse::collapse(&Tree::build_balanced(&soup), &soup) } else { collapsed };
+            if collapsed.depth > MAX_DEPTH { collapse::collapse(&Draft::build_balanced(&soup), &soup) } else { collapsed };
         Self { soup, nodes: collapsed.nodes, packets: collapsed.packets, use_avx2: has_avx2() }
     }
 
@@ -198,7 +198,7 @@ mod tests {
         let ray = Ray::new(Vec3::new(2e-8, 2e-8, 1.0), -Vec3::Z);
         assert_eq!(engine.intersect(&ray), crate::accel::binary::Binary::new(soup.clone()).intersect(&ray));
         assert!(engine.intersect(&ray).is_some());
-        let balanced = collapse::collapse(&Tree::build_balanced(&soup), &soup);
+        let balanced = collapse::collapse(&Draft::build_balanced(&soup), &soup);
         assert!(balanced.depth <= 4, "{}", balanced.depth);
     }
 }
