@@ -25,11 +25,11 @@ fn magnitude(s: &mut Sampler, low: f32, high: f32) -> f32 {
     10.0_f32.powf(low + (high - low) * s.next_1d())
 }
 
-/// Up to some thousand primitives: free or over shared vertices, on a grid or not, slivers, points, copies, spheres, far away, tiny or
+/// Up to 16,000 primitives: free or over shared vertices, on a grid or not, slivers, points, copies, spheres, far away, tiny or
 /// huge, some not numbers at all.
 fn random_soup(case: u64) -> Soup {
     let mut s = Sampler::new(case, 0, 0);
-    let n_triangles = (magnitude(&mut s, 0.0, 3.5) as usize).max(1);
+    let n_triangles = (magnitude(&mut s, 0.0, 4.2) as usize).max(1);
     let n_vertices = [3 * n_triangles, n_triangles / 2 + 3, 8][below(&mut s, 3)];
     let (scale, size) = (magnitude(&mut s, -9.0, 9.0), magnitude(&mut s, -3.0, 0.5));
     let offset = if s.next_1d() < 0.3 { scale * magnitude(&mut s, 0.0, 6.0) * in_cube(&mut s) } else { Vec3::ZERO };
@@ -38,7 +38,8 @@ fn random_soup(case: u64) -> Soup {
     for i in 0..n_vertices as u64 {
         let mut s = Sampler::new(case, 1, i);
         let near = if i % 3 == 0 || s.next_1d() < 0.1 { None } else { soup.vertices.last().copied() };
-        let mut p = near.map_or_else(|| in_cube(&mut s), |last: Vec3| (last - offset) / scale + size * in_cube(&mut s));
+        let random = in_cube(&mut s);
+        let mut p = near.map_or(random, |last: Vec3| (last - offset) / scale + size * random);
         if on_grid {
             p = (8.0 * p).round() / 8.0;
         }
