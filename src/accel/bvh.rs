@@ -53,7 +53,7 @@ impl BinaryNode {
 impl<'a> Draft<'a> {
     /// Builds the tree by clustering.
     ///
-    /// Parallel agglomerative clustering over 14 neighbours (with 6, shadow rays in a tessellated box were a third slower), then reinsertion of the 5 % largest nodes.
+    /// Parallel agglomerative clustering over 14 neighbours (6, together with a cut in two parts, made shadow rays in a tessellated box a third slower), then reinsertion of the 5 % largest nodes.
     /// obvhs' presets search only direct Morton neighbours in the first passes (`search_depth_threshold` above 0); on walls cut
     /// into equal squares all costs tie there and the bad merges stay: rays were ten times slower. Hence 0.
     pub fn build(soup: &'a Soup) -> Self {
