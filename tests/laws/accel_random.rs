@@ -1,7 +1,7 @@
 //! Random geometry and random rays, and the cost of rays that mean nothing.
 //!
 //! The judge is the triangle test itself, applied to every triangle in turn: a tree must find the same primitive at the same t, to
-//! the last bit, however bad the geometry. A longer run: `TWOPASS_FUZZ_SECONDS=600 cargo test --release --test laws random_geometry`.
+//! the last bit, unless that t is no point of the primitive. A longer run: `TWOPASS_FUZZ_SECONDS=600 cargo test --release --test laws random_geometry`.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -25,11 +25,11 @@ fn magnitude(s: &mut Sampler, low: f32, high: f32) -> f32 {
     10.0_f32.powf(low + (high - low) * s.next_1d())
 }
 
-/// Up to some thousand primitives: free or over shared vertices, on a grid or not, slivers, points, copies, spheres, far away, tiny or
+/// Up to 16,000 primitives: free or over shared vertices, on a grid or not, slivers, points, copies, spheres, far away, tiny or
 /// huge, some not numbers at all.
 fn random_soup(case: u64) -> Soup {
     let mut s = Sampler::new(case, 0, 0);
-    let n_triangles = (magnitude(&mut s, 0.0, 3.5) as usize).max(1);
+    let n_triangles = (magnitude(&mut s, 0.0, 4.2) as usize).max(1);
     let n_vertices = [3 * n_triangles, n_triangles / 2 + 3, 8][below(&mut s, 3)];
     let (scale, size) = (magnitude(&mut s, -9.0, 9.0), magnitude(&mut s, -3.0, 0.5));
     let offset = if s.next_1d() < 0.3 { scale * magnitude(&mut s, 0.0, 6.0) * in_cube(&mut s) } else { Vec3::ZERO };
@@ -38,7 +38,8 @@ fn random_soup(case: u64) -> Soup {
     for i in 0..n_vertices as u64 {
         let mut s = Sampler::new(case, 1, i);
         let near = if i % 3 == 0 || s.next_1d() < 0.1 { None } else { soup.vertices.last().copied() };
-        let mut p = near.map_or_else(|| in_cube(&mut s), |last: Vec3| (last - offset) / scale + size * in_cube(&mut s));
+        let random = in_cube(&mut s);
+        let mut p = near.map_or(random, |last: Vec3| (last - offset) / scale + size * random);
         if on_grid {
             p = (8.0 * p).round() / 8.0;
         }
@@ -106,6 +107,21 @@ fn nearest(soup: &Soup, is_finite: &[bool], ray: &Ray) -> Option<Hit> {
     best
 }
 
+/// True if a hit lies outside the part of the ray that its primitive's box cuts out.
+///
+/// The t of a triangle seen edge-on, or of one without area, is as uncertain as the triangle is deep, and may lie before or behind its
+/// box where that is thin. A tree that has found another hit between the two need not look into the box any more.
+fn lies_beside_its_box(soup: &Soup, ray: &Ray, hit: Hit) -> bool {
+    let bounds = soup.bounds_of(hit.primitive);
+    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let (a, b) = ((bounds.min.as_dvec3() - origin) / direction, (bounds.max.as_dvec3() - origin) / direction);
+    let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+    // Half of the stretch by which the tree makes boxes safe against rounding.
+    let slack = 1.0 + 0.5 / f64::from(1 << 19);
+    let t = f64::from(hit.t);
+    t * slack < enter || t > leave * slack
+}
+
 /// Builds all engines over one random scene and sends rays through them.
 fn try_case(case: u64) {
     let soup = Arc::new(random_soup(case));
@@ -132,7 +148,9 @@ fn try_case(case: u64) {
                 assert!(hit.is_none_or(holds) && of_batch.is_none_or(holds), "{kind}, case {case}: {hit:?} of {ray:?}");
                 continue;
             }
-            assert_eq!(hit, nearest(&soup, &is_finite, ray), "{kind}, case {case}: against all primitives in turn, {ray:?}");
+            let expected = nearest(&soup, &is_finite, ray);
+            let is_beside = || expected.is_some_and(|expected| lies_beside_its_box(&soup, ray, expected));
+            assert!(hit == expected || is_beside(), "{kind}, case {case}: {hit:?}, of all primitives {expected:?}, {ray:?}");
             assert_eq!(of_batch, hit, "{kind}, case {case}: batch, {ray:?}");
             assert_eq!((engine.occluded(ray), occluded), (hit.is_some(), hit.is_some()), "{kind}, case {case}: {ray:?}");
         }

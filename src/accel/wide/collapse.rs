@@ -30,12 +30,16 @@ pub struct Collapsed {
 /// Primitives of a part: a few to each thread, and its steps and nodes stay in the second-level cache.
 const PART: usize = 4096;
 
+/// With fewer parts the nodes on top would not be filled: rays would pay for what the build gains.
+const FEWEST_PARTS: usize = 16;
+
 /// Collapses a tree, cut in parts that are worked on in parallel. The cut hangs on the tree alone, so the result does too.
 pub fn collapse(draft: &Draft, soup: &Soup) -> Collapsed {
     if draft.len() == 0 {
         return Collapsed { nodes: vec![Node::EMPTY], packets: Vec::new(), depth: 1 };
     }
-    let (mut top, roots) = draft.cut((draft.len() / PART).max(1));
+    let n_parts = draft.len() / PART;
+    let (mut top, roots) = draft.cut(if n_parts < FEWEST_PARTS { 1 } else { n_parts });
     if let [root] = roots[..] {
         return Part::new(&draft.subtree(root), soup, true).wide;
     }
