@@ -13,6 +13,7 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
+use super::pages::in_large_pages;
 use crate::geometry::{Bounds, Soup};
 use crate::math::Vec3A;
 
@@ -71,7 +72,8 @@ impl<'a> Draft<'a> {
             Aabb::new(Vec3A::from(bounds.min), Vec3A::from(bounds.max))
         };
         let is_finite = |b: &Aabb| b.min.is_finite() && b.max.is_finite();
-        let mut aabbs: Vec<Aabb> = (0..soup.len() as u32).into_par_iter().map(box_of).collect();
+        let mut aabbs: Vec<Aabb> = in_large_pages(soup.len());
+        aabbs.par_extend((0..soup.len() as u32).into_par_iter().map(box_of));
         let indices: Vec<u32> = (0..soup.len() as u32).filter(|&i| is_finite(&aabbs[i as usize])).collect();
         if indices.len() < aabbs.len() {
             aabbs.retain(is_finite);

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::layout::{Child, LANES, MAX_PACKETS, Node, Packet, WIDTH};
 use crate::accel::bvh::{BinaryNode, Draft, Tree};
+use crate::accel::pages::in_large_pages;
 use crate::geometry::soup::Primitive;
 use crate::geometry::{Bounds, Soup};
 
@@ -99,9 +100,12 @@ fn join(top: &Tree, parts: &[Part]) -> Collapsed {
     let mut emit = Emit::new(top, &steps, Leaves::Parts(&roots));
     emit.below_root();
     let mut wide = emit.wide;
-    wide.depth += parts.iter().map(|part| part.wide.depth).max().unwrap_or(0);
     let n_top = wide.nodes.len();
     let all = |of: fn(&Collapsed) -> usize| parts.iter().map(|part| of(&part.wide)).sum::<usize>();
+    let mut nodes = in_large_pages(n_top + all(|wide| wide.nodes.len()));
+    nodes.append(&mut wide.nodes);
+    (wide.nodes, wide.packets) = (nodes, in_large_pages(all(|wide| wide.packets.len())));
+    wide.depth += parts.iter().map(|part| part.wide.depth).max().unwrap_or(0);
     wide.nodes.par_extend((0..all(|wide| wide.nodes.len())).into_par_iter().map(|place| {
         let place = place + n_top;
         let part = starts.partition_point(|start| start.0 <= place) - 1;
@@ -157,10 +161,15 @@ fn inner_step(area: f32, a: &Step, b: &Step) -> Step {
     let as_leaf = if step.count <= MAX_LEAF { area * packets as f32 * PACKET_COST } else { f32::INFINITY };
     step.is_leaf = as_leaf <= as_node && step.count <= MAX_LEAF;
     step.cost[0] = as_node.min(as_leaf);
-    for roots in 2..WIDTH {
+    // More roots than primitives are never of use, and most nodes have few.
+    let useful = WIDTH.min(step.count as usize + 1);
+    for roots in 2..useful {
         let (cost, to_first) = split(roots);
         let fewer = step.cost[roots - 2];
         (step.cost[roots - 1], step.to_first[roots - 1]) = if cost < fewer { (cost, to_first) } else { (fewer, 0) };
+    }
+    for roots in useful.max(2)..WIDTH {
+        step.cost[roots - 1] = step.cost[roots - 2];
     }
     step
 }
@@ -201,7 +210,10 @@ impl Emit<'_> {
     /// Fills wide node `wide` from the binary node; inner children get adjacent places and are left in `open`.
     fn node(&mut self, binary: u32, wide: usize, depth: usize, open: &mut Vec<(u32, usize, usize)>) {
         self.wide.depth = self.wide.depth.max(depth);
-        let (roots, n_roots) = self.roots(binary);
+        let (mut roots, n_roots) = self.roots(binary);
+        // The largest first, for rays that ask for any hit. The sort is stable and areas are no NaNs.
+        let area = |root: &u32| half_area(&self.tree.nodes[*root as usize]);
+        roots[..n_roots].sort_by(|a, b| area(b).total_cmp(&area(a)));
         let mut node = Node::EMPTY;
         for (slot, &root) in roots[..n_roots].iter().enumerate() {
             let child = if self.steps[root as usize].is_leaf {
