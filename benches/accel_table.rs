@@ -1,8 +1,8 @@
 //! Speed, memory and build time of the ray engines, against each other and against plain obvhs.
 //!
 //! `cargo bench --bench accel_table --features embree -- [singles] [batches] [builds] [coherence] [threads] [growth]
-//! [small] [rounds=N] [svg=FILE] [file=SCENE.obj]`; everything if no part is named. `file` measures the triangles of an OBJ file
-//! in place of the scenes made here; `svg` draws the growth. Speeds are millions of rays per second of thread CPU time, so that other processes count little. All engines
+//! [small] [rounds=N] [scene=PART OF ITS NAME] [svg=FILE] [file=SCENE.obj]`; everything if no part is named. `file` measures the
+//! triangles of an OBJ file in place of the scenes made here; `svg` draws the growth. Speeds are millions of rays per second of thread CPU time, so that other processes count little. All engines
 //! run each set of rays once per round; a ratio is the median of the rounds' ratios to Embree in robust mode.
 
 #[path = "accel/engines.rs"]
@@ -32,7 +32,8 @@ fn main() {
     let rounds = arguments.iter().find_map(|a| a.strip_prefix("rounds=")?.parse().ok()).unwrap_or(5);
     let value = |name: &str| arguments.iter().find_map(|a| a.strip_prefix(name)?.strip_prefix('='));
     let scenes = value("file").map_or_else(|| scenes::all(has("small")), |path| vec![scenes::from_file(path)]);
-    for (name, soup) in &scenes {
+    let wanted = |name: &str| value("scene").is_none_or(|part| name.contains(part));
+    for (name, soup) in scenes.iter().filter(|scene| wanted(&scene.0)) {
         let sets = RaySets::new(soup, 256);
         println!("\n## {name}: {} triangles", soup.triangles.len());
         if part("singles") {

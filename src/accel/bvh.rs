@@ -166,6 +166,9 @@ impl Tree {
     }
 }
 
+/// From so many primitives on, clustering looks at 6 neighbours on each side instead of 14.
+const MANY: usize = 1 << 17;
+
 /// obvhs' builder with the safe parameters.
 fn cluster(mut aabbs: Vec<Aabb>) -> Vec<Bvh2Node> {
     if aabbs.is_empty() {
@@ -173,8 +176,8 @@ fn cluster(mut aabbs: Vec<Aabb>) -> Vec<Bvh2Node> {
     }
     loosen(&mut aabbs);
     let indices = (0..aabbs.len() as u32).collect();
-    let mut bvh: Bvh2 =
-        PlocBuilder::with_capacity(aabbs.len()).build(PlocSearchDistance::Medium, &aabbs, indices, SortPrecision::U64, 0);
+    let reach = if aabbs.len() < MANY { PlocSearchDistance::Medium } else { PlocSearchDistance::Low };
+    let mut bvh: Bvh2 = PlocBuilder::with_capacity(aabbs.len()).build(reach, &aabbs, indices, SortPrecision::U64, 0);
     ReinsertionOptimizer::default().run(&mut bvh, 0.05, None);
     bvh.nodes
 }

@@ -153,7 +153,8 @@ fn try_case(case: u64) {
                 continue;
             }
             let expected = nearest(&soup, &is_finite, ray);
-            assert_eq!(hit, expected, "{kind}, case {case}: of all primitives in turn, {ray:?}");
+            let corners = || expected.map(|e| soup.corners((e.primitive as usize).min(soup.triangles.len() - 1)));
+            assert_eq!(hit, expected, "{kind}, case {case}: of all primitives in turn, {ray:?}, {:?}", corners());
             assert_eq!(of_batch, hit, "{kind}, case {case}: batch, {ray:?}");
             assert_eq!((engine.occluded(ray), occluded), (hit.is_some(), hit.is_some()), "{kind}, case {case}: {ray:?}");
         }

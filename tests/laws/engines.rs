@@ -7,10 +7,12 @@
 use crate::support::{Room, quick, run};
 use glam::DVec3;
 use twopass::accel::AccelKind;
-use twopass::geometry::tessellate;
-use twopass::math::DAffine3;
+use twopass::geometry::{Ray, tessellate};
+use twopass::material::{Material, Texture};
+use twopass::math::{DAffine3, Rgb, Vec3};
 use twopass::pipeline::RenderSettings;
 use twopass::scene::{Scene, SurfaceSource};
+use twopass::world::World;
 
 /// A room with a lamp, a ball of `bands` bands of triangles, a mirror ball and a glass ball; all walls meet at shared edges.
 fn room(bands: u32, size: usize) -> Scene {
@@ -54,4 +56,38 @@ fn a_scene_of_ten_thousand_triangles_gives_the_same_bits_with_every_exact_engine
     let n_triangles = scene().n_triangles();
     assert!(n_triangles > 10_000, "{n_triangles}");
     compare(&scene, &RenderSettings { max_depth: Some(Some(2)), ..quick(1, 0.5) });
+}
+
+/// Masks are no business of the engines: a ray goes on straight behind each one it meets. Of light through n of opacity p, (1 - p)^n
+/// is left, and nothing behind a wall.
+#[test]
+fn masks_let_their_share_of_a_shadow_ray_through_with_every_engine() {
+    const OPACITY: f64 = 0.25;
+    for (n, wall) in [(0, false), (1, false), (3, false), (5, false), (3, true)] {
+        let scene = || {
+            let mut room = Room::new(DVec3::new(0.0, 0.0, -2.0), DVec3::Z, 4);
+            let grey = room.grey(0.5);
+            let inner = Box::new(Material::Diffuse { reflectance: Texture::Constant(Rgb::grey(0.5)) });
+            let mask = room.material(Material::Mask { opacity: Texture::grey(OPACITY), inner }, true);
+            for plate in 0..n {
+                let tilt = DVec3::new(2.0, 0.0, 0.1 * f64::from(plate));
+                room.quad(DVec3::new(-1.0, -1.0, 0.3 * f64::from(plate)), tilt, DVec3::Y * 2.0, mask, 0.0);
+            }
+            room.quad(DVec3::new(-1.0, 3.0, -1.0), DVec3::X, DVec3::Z, grey, 1.0);
+            if wall {
+                room.quad(DVec3::new(-1.0, -1.0, 1.9), DVec3::X * 2.0, DVec3::Y * 2.0, grey, 0.0);
+            }
+            room.scene()
+        };
+        let expected = if wall { 0.0 } else { (1.0 - OPACITY).powi(n) };
+        for kind in AccelKind::ALL.into_iter().filter(|kind| kind.is_available()) {
+            let world = World::new(scene(), kind).expect("engine is in this build");
+            for i in 0..100 {
+                let place = Vec3::new(0.008 * i as f32 - 0.4, 0.3 - 0.005 * i as f32, -1.0);
+                let found = world.transmittance(&Ray::between(place, Vec3::new(0.1, -0.2, 2.0)));
+                let all = [found.r, found.g, found.b];
+                assert!(all.iter().all(|share| (share - expected).abs() < 1e-6), "{kind}, {n} masks: {found:?}, not {expected}");
+            }
+        }
+    }
 }

@@ -216,7 +216,10 @@ fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f3
     let mut met = _mm_movemask_ps(_mm_andnot_ps(_mm_or_ps(outside, is_zero), in_interval)) as u32;
     if met | unsure != 0 {
         let settled = settle(distance, &places, ray);
-        met &= _mm_movemask_ps(_mm_cmplt_ps(settled, _mm_set1_ps(limit))) as u32;
+        // With an infinite inverse a product may be a NaN: such rays are tested one by one below.
+        if !ray.is_still {
+            met &= _mm_movemask_ps(_mm_cmplt_ps(settled, _mm_set1_ps(limit))) as u32;
+        }
         // SAFETY: the array's 16 bytes are written; no alignment is asked for.
         unsafe { _mm_storeu_ps(t.as_mut_ptr(), settled) };
     }
@@ -226,7 +229,6 @@ fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f3
         let edge_on = _mm_or_ps(_mm_cmpeq_ps(x, zero), _mm_cmpeq_ps(y, zero));
         unsure &= !_mm_movemask_ps(edge_on) as u32;
     }
-    // Where a product with an infinite inverse may be a NaN, one by one too.
     let alone = if ray.is_still { met | unsure } else { unsure };
     if alone == 0 { met } else { met & !alone | meet_alone(packet, query, alone, limit, t) }
 }

@@ -210,10 +210,7 @@ impl Emit<'_> {
     /// Fills wide node `wide` from the binary node; inner children get adjacent places and are left in `open`.
     fn node(&mut self, binary: u32, wide: usize, depth: usize, open: &mut Vec<(u32, usize, usize)>) {
         self.wide.depth = self.wide.depth.max(depth);
-        let (mut roots, n_roots) = self.roots(binary);
-        // The largest first, for rays that ask for any hit. The sort is stable and areas are no NaNs.
-        let area = |root: &u32| half_area(&self.tree.nodes[*root as usize]);
-        roots[..n_roots].sort_by(|a, b| area(b).total_cmp(&area(a)));
+        let (roots, n_roots) = self.roots(binary);
         let mut node = Node::EMPTY;
         for (slot, &root) in roots[..n_roots].iter().enumerate() {
             let child = if self.steps[root as usize].is_leaf {

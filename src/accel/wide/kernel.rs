@@ -155,9 +155,6 @@ fn descend<L: Lanes, const ANY: bool>(
     let node = &wide.nodes[index.0 as usize];
     let mut distances = Distances([0.0; WIDTH]);
     let mut mask = L::enter(node, ray, limit, &mut distances);
-    if ANY {
-        return largest_first::<L>(wide, node, mask, stack);
-    }
     let mut take = || {
         let slot = (mask.trailing_zeros() & 7) as usize;
         let is_there = mask != 0;
@@ -183,24 +180,6 @@ fn descend<L: Lanes, const ANY: bool>(
         stack.insert(floor, key);
     }
     stack.pop().map(Key::child)
-}
-
-/// The largest child of those in `mask`, the likeliest to stop the ray; the others are put aside, the larger on top.
-///
-/// Any hit will do, so distances do not matter, and nothing need be sorted: children are stored the largest first.
-#[inline(always)]
-fn largest_first<L: Lanes>(wide: &Wide, node: &Node, mut mask: u32, stack: &mut Stack<Key>) -> Option<Child> {
-    if mask == 0 {
-        return None;
-    }
-    while mask & (mask - 1) != 0 {
-        let slot = mask.ilog2();
-        mask ^= 1 << slot;
-        let child = node.children[slot as usize & 7];
-        L::prefetch(wide, child);
-        stack.push(Key::new(0.0, child));
-    }
-    Some(node.children[mask.trailing_zeros() as usize & 7])
 }
 
 /// Tests a leaf's primitives; true if the traversal can stop.
