@@ -158,13 +158,14 @@ mod tests {
 
     #[test]
     fn a_batch_gives_the_same_bits_as_its_rays_one_by_one() {
-        for (n, spread) in [(0, 0.1), (1, 0.1), (5, 0.5), (33, 2.0), (500, 0.02), (500, 0.2), (500, 2.0)] {
+        let cases = [(0, 0.1), (1, 0.1), (5, 0.5), (33, 2.0), (500, 0.02), (500, 0.2), (500, 2.0)];
+        for (n, spread) in cases.into_iter().filter(|case| !cfg!(miri) || case.0 < 33) {
             let mut soup = mixture(n);
             // Everything twice, so that each hit has a tie.
             soup.triangles.extend_from_within(..);
             soup.spheres.extend_from_within(..);
             let engine = Wide::new(Arc::new(soup));
-            for n_rays in [0, 1, 2, 7, 8, 9, 31, 32, 33, 255, 256, 257, 5000] {
+            for n_rays in [0, 1, 2, 7, 8, 9, 31, 32, 33, 255, 256, 257, 5000].into_iter().filter(|&n| !cfg!(miri) || n < 10) {
                 let mut axis = Sampler::new(9, n_rays, 0);
                 let (from, towards) = (2.0 * point(&mut axis) - 0.5, point(&mut axis) - 0.5);
                 let ray = |i: u64| {
