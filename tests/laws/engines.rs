@@ -93,3 +93,13 @@ fn masks_let_their_share_of_a_shadow_ray_through_with_every_engine() {
         }
     }
 }
+
+/// A usage error, and what to install.
+#[cfg(not(feature = "embree"))]
+#[test]
+fn an_engine_that_this_build_lacks_is_refused_with_advice() {
+    let arguments = ["info", "none.xml", "--accel", "embree"];
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_twopass")).args(arguments).output().expect("the program runs");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && said.contains("libembree-dev"), "{:?}: {said}", output.status);
+}
