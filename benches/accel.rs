@@ -8,6 +8,7 @@ mod engines;
 #[path = "accel/rays.rs"]
 mod rays;
 #[path = "accel/scenes.rs"]
+#[allow(dead_code, reason = "scenes from files are for the tables")]
 mod scenes;
 
 use std::hint::black_box;
