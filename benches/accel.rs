@@ -4,6 +4,7 @@
 //! rounds of CPU time, on which the goals are set, are those of the bench `accel_table`.
 
 #[path = "accel/engines.rs"]
+#[allow(dead_code, reason = "memory is for the tables")]
 mod engines;
 #[path = "accel/rays.rs"]
 mod rays;
