@@ -17,6 +17,19 @@ pub fn all(small: bool) -> Vec<(String, Arc<Soup>)> {
     scenes
 }
 
+/// The triangles of an OBJ file.
+pub fn from_file(path: &str) -> (String, Arc<Soup>) {
+    let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
+    let (models, _) = tobj::load_obj(path, &options).unwrap_or_else(|error| panic!("{path}: {error}, expected an OBJ file"));
+    let mut soup = Soup::default();
+    for model in models {
+        let base = soup.vertices.len() as u32;
+        soup.vertices.extend(model.mesh.positions.chunks_exact(3).map(|p| Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32)));
+        soup.triangles.extend(model.mesh.indices.chunks_exact(3).map(|t| [t[0] + base, t[1] + base, t[2] + base]));
+    }
+    (path.to_owned(), Arc::new(soup))
+}
+
 /// A unit room with two boxes in it, all 18 faces cut into `k * k` squares.
 pub fn cornell(k: u32) -> Soup {
     let mut soup = Soup::default();

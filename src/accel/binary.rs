@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::bvh::Tree;
+use super::bvh::{Draft, Tree};
 use super::query::{BOX_SLACK, Query, inclusive, is_better};
 use super::{Accel, Hit, Ray, Soup};
 use crate::geometry::Bounds;
@@ -20,8 +20,8 @@ pub struct Binary {
 impl Binary {
     /// Builds the tree.
     pub fn new(soup: Arc<Soup>) -> Self {
-        let tree = Tree::build(&soup);
-        let tree = if depth(&tree) > MAX_DEPTH { Tree::build_balanced(&soup) } else { tree };
+        let tree = Draft::build(&soup).tree();
+        let tree = if depth(&tree) > MAX_DEPTH { Draft::build_balanced(&soup).tree() } else { tree };
         Self { tree, soup }
     }
 

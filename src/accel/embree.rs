@@ -156,25 +156,48 @@ impl Embree {
             SPHERES => self.soup.triangles.len() as u32,
             _ => return None,
         };
+        if t <= ray.t_min.max(0.0) {
+            return self.behind_near_end(ray);
+        }
         // The library's interval is closed at the far end.
-        (t < ray.t_max && t > ray.t_min.max(0.0)).then_some(Hit { t, primitive: first + primitive })
+        (t < ray.t_max).then_some(Hit { t, primitive: first + primitive })
+    }
+
+    /// The library's comparison with the near end is rounded: a hit at `t_min` itself may come back, and hides what lies behind it.
+    /// So the near end moves on by 1, 2, 4 ... ulps until it does not.
+    #[cold]
+    fn behind_near_end(&self, ray: &Ray) -> Option<Hit> {
+        let ray = usable(ray)?;
+        let start = ray.t_min.max(f32::MIN_POSITIVE);
+        (0..20).map(|step| f32::from_bits(start.to_bits() + (1 << step))).find_map(|t_min| {
+            let query = self.nearest(&Ray { t_min, ..ray });
+            // The end of the search: nothing was found, or something behind the near end that was asked for.
+            let is_over = query.hit.geometry == sys::INVALID_ID || query.ray.tfar > ray.t_min;
+            is_over.then(|| self.to_hit(&ray, query.ray.tfar, query.hit.geometry, query.hit.primitive))
+        })?
+    }
+
+    /// What the library finds along a usable ray.
+    fn nearest(&self, ray: &Ray) -> sys::RayHit {
+        let mut query = to_ray_hit(ray);
+        let mut context = context(false);
+        // SAFETY: the scene is committed and alive, and "can be called from multiple threads" (manual, rtcIntersect1); ray and
+        // context are valid and aligned.
+        unsafe { sys::rtcIntersect1(self.scene.0.as_ptr(), &mut context, &mut query) };
+        query
     }
 }
 
 impl Accel for Embree {
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        let mut query = to_ray_hit(&usable(ray)?);
-        let mut context = context(false);
-        // SAFETY: the scene is committed and alive, and "can be called from multiple threads" (manual, rtcIntersect1); ray and
-        // context are valid and aligned.
-        unsafe { sys::rtcIntersect1(self.scene.0.as_ptr(), &mut context, &mut query) };
+        let query = self.nearest(&usable(ray)?);
         self.to_hit(ray, query.ray.tfar, query.hit.geometry, query.hit.primitive)
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
         let Some(ray) = usable(ray) else { return false };
         let (mut query, mut context) = (to_ray(&ray), context(false));
-        // SAFETY: as in `intersect`.
+        // SAFETY: as in `nearest`.
         unsafe { sys::rtcOccluded1(self.scene.0.as_ptr(), &mut context, &mut query) };
         query.tfar == f32::NEG_INFINITY
     }

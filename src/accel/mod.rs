@@ -16,6 +16,7 @@ mod bvh;
 pub mod embree;
 #[cfg(feature = "embree")]
 mod embree_sys;
+mod pages;
 mod query;
 mod wide;
 

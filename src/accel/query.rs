@@ -46,7 +46,24 @@ impl Query {
     /// Parameter at which the ray meets a triangle, in (`t_min`, `limit`).
     #[inline]
     pub fn meet(&self, [a, b, c]: [Vec3; 3], limit: f32) -> Option<f32> {
-        self.sheared.intersect(a, b, c, self.ray.t_min, limit)
+        let t = self.sheared.intersect(a, b, c, self.ray.t_min, limit)?;
+        Some(self.settle(t, [a, b, c])).filter(|&t| t < limit)
+    }
+
+    /// The t that counts for a triangle met at `t`: where the ray enters the triangle's own box, if `t` lies before that by more
+    /// than [`BOX_SLACK`] allows.
+    ///
+    /// The t of a triangle seen edge-on is as uncertain as the triangle is deep. A tree passes over boxes that begin behind the best
+    /// hit so far, so a t before its own box would win or lose by the order in which leaves are visited. With this rule no order
+    /// matters: all boxes around the triangle begin at or before its own one, because `(plane - origin) * inverse` is rounded
+    /// monotonically in the plane, and so none of them begins behind `t * BOX_SLACK`.
+    #[inline]
+    pub fn settle(&self, t: f32, [a, b, c]: [Vec3; 3]) -> f32 {
+        let plane = Vec3::select(self.inverse.cmpge(Vec3::ZERO), a.min(b).min(c), a.max(b).max(c));
+        let enter = (plane - self.ray.origin) * self.inverse;
+        // The maximum passes over NaNs, from a ray inside a face's plane: such a slab does not count.
+        let enter = enter.x.max(enter.y).max(enter.z);
+        if enter > t * BOX_SLACK { enter } else { t }
     }
 }
 

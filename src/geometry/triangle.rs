@@ -50,14 +50,7 @@ impl ShearedRay {
     #[inline]
     pub fn new(ray: &Ray) -> Self {
         let d = ray.direction;
-        let abs = d.abs();
-        let z = if abs.x > abs.y && abs.x > abs.z {
-            0
-        } else if abs.y > abs.z {
-            1
-        } else {
-            2
-        };
+        let z = Self::main_axis(d);
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
         // Keep the winding when the main axis is negative.
         if d[z] < 0.0 {
@@ -65,6 +58,19 @@ impl ShearedRay {
         }
         let inverse = 1.0 / d[z];
         Self { origin: ray.origin, axes: [x, y, z], shear: [d[x] * inverse, d[y] * inverse, inverse] }
+    }
+
+    /// Axis of the largest component of a direction.
+    #[inline]
+    pub fn main_axis(direction: Vec3) -> usize {
+        let abs = direction.abs();
+        if abs.x > abs.y && abs.x > abs.z {
+            0
+        } else if abs.y > abs.z {
+            1
+        } else {
+            2
+        }
     }
 
     #[inline]
@@ -132,6 +138,17 @@ pub fn barycentric(ray: &Ray, a: Vec3, b: Vec3, c: Vec3) -> (f64, f64) {
     if excess > 1.0 { (u / excess, v / excess) } else { (u, v) }
 }
 
+/// Parameter of `ray` at the point of a triangle with barycentric `weights` of the second and third vertex, in f64.
+///
+/// Engines round t in their own ways; this one is the same whichever found the triangle.
+#[inline]
+pub fn parameter(ray: &Ray, [a, b, c]: [Vec3; 3], weights: (f64, f64)) -> f32 {
+    let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let [a, b, c] = [a, b, c].map(|corner| corner.as_dvec3() - origin);
+    let point = a + (b - a) * weights.0 + (c - a) * weights.1;
+    (point.dot(direction) / direction.length_squared()) as f32
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -164,5 +181,6 @@ mod tests {
         let ray = Ray::new(Vec3::new(0.2, 0.3, 1.0), -Vec3::Z);
         let (u, v) = barycentric(&ray, A, B, C);
         assert!((u - 0.2).abs() < 1e-7 && (v - 0.3).abs() < 1e-7, "{u}, {v}");
+        assert_eq!(parameter(&Ray { direction: -4.0 * Vec3::Z, ..ray }, [A, B, C], (u, v)), 0.25);
     }
 }

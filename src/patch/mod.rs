@@ -14,7 +14,7 @@ use crate::scene::ShapeSurface;
 use crate::world::{SurfaceInteraction, World};
 use cuts::Cutters;
 use std::f64::consts::PI;
-use subdivide::{NO_PIECE, SplitTree};
+use subdivide::{NO_PIECE, Sizes, SplitTree};
 
 /// Points are sampled this far inside the border of a split piece, relative to the scene's diagonal: a point that rounding moves
 /// across a cut would carry light from one room to the next.
@@ -138,6 +138,7 @@ impl PatchMesh {
         if estimate > settings.max_patches as f64 {
             return Err(PatchError::TooMany { patch_size, estimate, limit: settings.max_patches });
         }
+        let sizes = Sizes { patch: patch_size, cut: patch_size.min((total / DEFAULT_ELEMENTS).sqrt()) };
         let mut mesh = PatchMesh {
             area: Vec::new(),
             centroid: Vec::new(),
@@ -156,10 +157,10 @@ impl PatchMesh {
         };
         // Anything may cut a large triangle; a small one is cut only by large ones, since two fine meshes that touch would make
         // as many patches as triangles.
-        let cutters = [Cutters::new(world, 0.0), Cutters::new(world, 0.5 * patch_size)];
+        let cutters = [Cutters::new(world, 0.0), Cutters::new(world, 0.5 * sizes.cut)];
         for (index, shape) in world.scene().shapes.iter().enumerate().filter(|(i, _)| relevant[*i]) {
             match &shape.surface {
-                ShapeSurface::Mesh(_) => mesh.add_mesh(world, index, &cutters),
+                ShapeSurface::Mesh(_) => mesh.add_mesh(world, index, &cutters, sizes),
                 ShapeSurface::Sphere(_) => mesh.add_sphere(world, index),
             }
         }
@@ -188,18 +189,18 @@ impl PatchMesh {
         self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
     }
 
-    fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2]) {
+    fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {
         let ShapeSurface::Mesh(mesh) = &world.scene().shapes[shape].surface else { return };
         let first = world.first_primitive(shape);
         let edge = |i: u32| cuts::longest_edge(world.soup().corners(i as usize));
         let all = first..first + mesh.triangles.len() as u32;
         let (large, small): (Vec<u32>, Vec<u32>) = all.partition(|&i| edge(i) > self.patch_size);
-        for (primitive, tree) in subdivide::split_all(world, any_cutter, &large, self.patch_size) {
+        for (primitive, tree) in subdivide::split_all(world, any_cutter, &large, sizes) {
             self.add_tree(world, primitive, tree);
         }
         // A leak through a triangle this small is beyond what any patch resolves.
-        let (crossing, tiny): (Vec<u32>, Vec<u32>) = small.into_iter().partition(|&i| edge(i) > SMALLEST_CUT * self.patch_size);
-        let mut divided = subdivide::split_divided(world, large_cutters, &crossing, self.patch_size);
+        let (crossing, tiny): (Vec<u32>, Vec<u32>) = small.into_iter().partition(|&i| edge(i) > SMALLEST_CUT * sizes.cut);
+        let mut divided = subdivide::split_divided(world, large_cutters, &crossing, sizes);
         for (primitive, tree) in divided.drain(..) {
             self.add_tree(world, primitive, tree);
         }

@@ -60,27 +60,36 @@ impl SplitTree {
     }
 }
 
+/// Edge lengths by which triangles are split [m].
+#[derive(Debug, Clone, Copy)]
+pub struct Sizes {
+    /// Of a patch.
+    pub patch: f64,
+    /// Of the patches that decide which cuts matter: coarse patches are cut as finer ones are, or they would reach under walls.
+    pub cut: f64,
+}
+
 /// Splits each of `primitives` (triangles) along what cuts it and by the grid; in the order given.
-pub fn split_all(world: &World, cutters: &Cutters, primitives: &[u32], patch_size: f64) -> Vec<(u32, SplitTree)> {
+pub fn split_all(world: &World, cutters: &Cutters, primitives: &[u32], sizes: Sizes) -> Vec<(u32, SplitTree)> {
     primitives
         .par_iter()
         .map(|&primitive| {
             let corners = world.soup().corners(primitive as usize);
-            let lines = cuts::cutting_lines(world, cutters, primitive, patch_size);
-            (primitive, split(corners, &lines, patch_size))
+            let lines = cuts::cutting_lines(world, cutters, primitive, sizes.cut);
+            (primitive, split(corners, &lines, sizes.patch))
         })
         .collect()
 }
 
 /// Splits those of `primitives`, smaller than a patch, that a cutter divides: their parts may lie in different rooms.
-pub fn split_divided(world: &World, cutters: &Cutters, primitives: &[u32], patch_size: f64) -> Vec<(u32, SplitTree)> {
+pub fn split_divided(world: &World, cutters: &Cutters, primitives: &[u32], sizes: Sizes) -> Vec<(u32, SplitTree)> {
     let split_one = |primitive: u32| {
         let corners = world.soup().corners(primitive as usize);
-        let lines = cuts::cutting_lines(world, cutters, primitive, patch_size);
+        let lines = cuts::cutting_lines(world, cutters, primitive, sizes.cut);
         if lines.is_empty() {
             return None;
         }
-        let tree = split(corners, &lines, patch_size);
+        let tree = split(corners, &lines, sizes.patch);
         (tree.leaves.len() > 1).then_some((primitive, tree))
     };
     primitives.par_iter().filter_map(|&p| split_one(p)).collect()

@@ -197,7 +197,7 @@ impl World {
                 return share;
             }
             // The same ray goes on: behind this hit, which a closed lower end leaves out.
-            ray.t_min = si.t;
+            ray.t_min = si.end;
         }
         Rgb::BLACK
     }

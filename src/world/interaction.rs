@@ -26,8 +26,10 @@ pub struct SurfaceInteraction {
     pub front: bool,
     /// Unit direction to the viewer.
     pub wo: Vec3,
-    /// Ray parameter.
+    /// Ray parameter, found again from ray and primitive.
     pub t: f32,
+    /// Ray parameter at which the engine met the primitive: the same ray goes on behind it with this as its open lower end.
+    pub end: f32,
 }
 
 impl SurfaceInteraction {
@@ -47,7 +49,7 @@ impl SurfaceInteraction {
     ) -> Self {
         let front = wo.dot(ng) >= 0.0;
         let (ng, ns) = if front { (ng, ns) } else { (-ng, -ns) };
-        Self { point, error, ng, ns, uv, place, shape, primitive, front, wo: wo.normalize(), t: 0.0 }
+        Self { point, error, ng, ns, uv, place, shape, primitive, front, wo: wo.normalize(), t: 0.0, end: 0.0 }
     }
 
     /// A ray that leaves the surface along `direction`, free of self-intersection.

@@ -169,7 +169,8 @@ impl World {
             Primitive::Triangle([a, b, c]) => {
                 let weights = triangle::barycentric(ray, a, b, c);
                 let mut si = self.on_triangle(hit.primitive, weights, -ray.direction);
-                si.t = hit.t;
+                si.t = triangle::parameter(ray, [a, b, c], weights);
+                si.end = hit.t;
                 si
             }
             Primitive::Sphere(sphere) => {
@@ -220,7 +221,7 @@ impl World {
         let place = (f64::from(uv.x), f64::from(n.z));
         let shape = self.shape_index(primitive) as u32;
         let mut si = SurfaceInteraction::new(point, error, n, n, uv, place, shape, primitive, wo);
-        si.t = t;
+        (si.t, si.end) = (t, t);
         si
     }
 }

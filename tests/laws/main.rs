@@ -1,6 +1,7 @@
 //! Each physical law is a test.
 
 mod accel_conformance;
+mod accel_random;
 mod architecture;
 mod bad_input;
 mod catalogue;
@@ -10,6 +11,7 @@ mod catalogue_meshes;
 mod catalogue_values;
 mod cli;
 mod emitters;
+mod engines;
 mod experiment;
 mod furnace;
 mod glossy;

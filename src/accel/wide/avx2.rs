@@ -54,6 +54,7 @@ struct SpreadRay {
     /// Rows of a packet's corner, in the order of the shear.
     axes: [usize; 3],
     sheared_origin: [__m128; 3],
+    sheared_inverse: [__m128; 3],
     shear: [__m128; 3],
     near: __m128,
     /// Axes along which the ray does not move.
@@ -120,6 +121,7 @@ fn spread(query: &Query) -> SpreadRay {
         t_min: _mm256_set1_ps(ray.t_min),
         axes: sheared.axes,
         sheared_origin: sheared.axes.map(|axis| _mm_set1_ps(ray.origin[axis])),
+        sheared_inverse: sheared.axes.map(|axis| _mm_set1_ps(query.inverse[axis])),
         shear: sheared.shear.map(|x| _mm_set1_ps(x)),
         near: _mm_set1_ps(ray.t_min),
         still: query.still(),
@@ -184,9 +186,13 @@ fn difference(a: __m128, b: __m128, c: __m128, d: __m128) -> __m128 {
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f32; LANES]) -> u32 {
-    let project = |corner: usize| {
+    let place = |corner: usize| {
         let rows = &packet.corners[corner];
-        let [x, y, z] = [0, 1, 2].map(|i| _mm_sub_ps(load4(rows, ray.axes[i]), ray.sheared_origin[i]));
+        [0, 1, 2].map(|i| _mm_sub_ps(load4(rows, ray.axes[i]), ray.sheared_origin[i]))
+    };
+    let places = [place(0), place(1), place(2)];
+    let project = |corner: usize| {
+        let [x, y, z] = places[corner];
         (_mm_sub_ps(x, _mm_mul_ps(ray.shear[0], z)), _mm_sub_ps(y, _mm_mul_ps(ray.shear[1], z)), z)
     };
     let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (project(0), project(1), project(2));
@@ -207,10 +213,15 @@ fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f3
     let in_interval = _mm_and_ps(_mm_cmpgt_ps(distance, ray.near), _mm_cmplt_ps(distance, _mm_set1_ps(limit)));
     let is_zero = _mm_or_ps(_mm_or_ps(_mm_cmpeq_ps(u, zero), _mm_cmpeq_ps(v, zero)), _mm_cmpeq_ps(w, zero));
     let mut unsure = _mm_movemask_ps(_mm_andnot_ps(outside, is_zero)) as u32;
-    let met = _mm_movemask_ps(_mm_andnot_ps(_mm_or_ps(outside, is_zero), in_interval)) as u32;
+    let mut met = _mm_movemask_ps(_mm_andnot_ps(_mm_or_ps(outside, is_zero), in_interval)) as u32;
     if met | unsure != 0 {
+        let settled = settle(distance, &places, ray);
+        // With an infinite inverse a product may be a NaN: such rays are tested one by one below.
+        if !ray.is_still {
+            met &= _mm_movemask_ps(_mm_cmplt_ps(settled, _mm_set1_ps(limit))) as u32;
+        }
         // SAFETY: the array's 16 bytes are written; no alignment is asked for.
-        unsafe { _mm_storeu_ps(t.as_mut_ptr(), distance) };
+        unsafe { _mm_storeu_ps(t.as_mut_ptr(), settled) };
     }
     if unsure != 0 {
         // A ray inside a wall's plane has many such triangles before it; their corners all lie on an axis, and none is met.
@@ -218,14 +229,30 @@ fn meet(packet: &Packet, query: &Query, ray: &SpreadRay, limit: f32, t: &mut [f3
         let edge_on = _mm_or_ps(_mm_cmpeq_ps(x, zero), _mm_cmpeq_ps(y, zero));
         unsure &= !_mm_movemask_ps(edge_on) as u32;
     }
-    if unsure == 0 { met } else { met | meet_unsure(packet, query, unsure, limit, t) }
+    let alone = if ray.is_still { met | unsure } else { unsure };
+    if alone == 0 { met } else { met & !alone | meet_alone(packet, query, alone, limit, t) }
 }
 
-/// The lanes of `unsure` one by one: an edge function is zero there.
+/// [`Query::settle`], lane by lane, for a ray that moves along all axes; `places` are corners less the origin.
+///
+/// The least of the products is that of the plane entered through, as their rounding is monotonic.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn settle(t: __m128, [a, b, c]: &[[__m128; 3]; 3], ray: &SpreadRay) -> __m128 {
+    let mut enter = _mm_set1_ps(f32::NEG_INFINITY);
+    for i in 0..3 {
+        let [a, b, c] = [a, b, c].map(|corner| _mm_mul_ps(corner[i], ray.sheared_inverse[i]));
+        enter = _mm_max_ps(_mm_min_ps(_mm_min_ps(a, b), c), enter);
+    }
+    let is_before = _mm_cmpgt_ps(enter, _mm_mul_ps(t, _mm_set1_ps(BOX_SLACK)));
+    _mm_blendv_ps(t, enter, is_before)
+}
+
+/// Some lanes one by one: where an edge function is zero, or for a ray along an axis.
 #[cold]
-fn meet_unsure(packet: &Packet, query: &Query, unsure: u32, limit: f32, t: &mut [f32; LANES]) -> u32 {
+fn meet_alone(packet: &Packet, query: &Query, alone: u32, limit: f32, t: &mut [f32; LANES]) -> u32 {
     let mut met = 0;
-    for lane in (0..LANES).filter(|lane| unsure >> lane & 1 != 0) {
+    for lane in (0..LANES).filter(|lane| alone >> lane & 1 != 0) {
         if let Some(hit) = query.meet(packet.triangle(lane), limit) {
             t[lane] = hit;
             met |= 1 << lane;

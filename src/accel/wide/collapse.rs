@@ -3,10 +3,13 @@
 //! The cut with the least expected cost is found by dynamic programming ([Ylitie17, section 3.2] with leaves of packets):
 //! `cost[n][i]` is the least cost of presenting the subtree of `n` as at most `i + 1` children of one wide node.
 
+use rayon::prelude::*;
+
 use super::layout::{Child, LANES, MAX_PACKETS, Node, Packet, WIDTH};
-use crate::accel::bvh::{BinaryNode, Tree};
-use crate::geometry::Soup;
+use crate::accel::bvh::{BinaryNode, Draft, Tree};
+use crate::accel::pages::in_large_pages;
 use crate::geometry::soup::Primitive;
+use crate::geometry::{Bounds, Soup};
 
 /// Cost of testing a packet in units of testing a node. Between 0.5 and 1 the speed of rays hardly changes.
 const PACKET_COST: f32 = 0.7;
@@ -25,23 +28,96 @@ pub struct Collapsed {
     pub depth: usize,
 }
 
-/// Collapses `tree`.
-pub fn collapse(tree: &Tree, soup: &Soup) -> Collapsed {
-    let plan = Plan::new(tree);
-    let mut emit = Emit { tree, soup, plan, nodes: vec![Node::EMPTY], packets: Vec::with_capacity(soup.len() / 3), depth: 1 };
-    let mut open = Vec::new();
-    if !tree.nodes.is_empty() {
-        open.push((0, 0, 1));
+/// Primitives of a part: a few to each thread, and its steps and nodes stay in the second-level cache.
+const PART: usize = 4096;
+
+/// With fewer parts the nodes on top would not be filled: rays would pay for what the build gains.
+const FEWEST_PARTS: usize = 16;
+
+/// Collapses a tree, cut in parts that are worked on in parallel. The cut hangs on the tree alone, so the result does too.
+pub fn collapse(draft: &Draft, soup: &Soup) -> Collapsed {
+    if draft.len() == 0 {
+        return Collapsed { nodes: vec![Node::EMPTY], packets: Vec::new(), depth: 1 };
     }
-    while let Some((binary, wide, depth)) = open.pop() {
-        emit.node(binary, wide, depth, &mut open);
+    let n_parts = draft.len() / PART;
+    let (mut top, roots) = draft.cut(if n_parts < FEWEST_PARTS { 1 } else { n_parts });
+    if let [root] = roots[..] {
+        return Part::new(&draft.subtree(root), soup, true).wide;
     }
-    Collapsed { nodes: emit.nodes, packets: emit.packets, depth: emit.depth }
+    let parts: Vec<Part> = roots.par_iter().map(|&root| Part::new(&draft.subtree(root), soup, false)).collect();
+    top.nodes.iter_mut().filter(|node| node.is_leaf()).for_each(|node| node.bounds = parts[node.primitive as usize].bounds);
+    top.fill();
+    join(&top, &parts)
 }
 
-/// Decisions for each binary node.
-struct Plan {
-    steps: Vec<Step>,
+/// A subtree, collapsed by itself.
+struct Part {
+    wide: Collapsed,
+    /// What it is to the node above.
+    root: Child,
+    cost: f32,
+    bounds: Bounds,
+}
+
+impl Part {
+    /// Collapses a part; `is_all` asks for a root that is a node whatever it holds.
+    fn new(tree: &Tree, soup: &Soup, is_all: bool) -> Self {
+        let mut steps = vec![Step::default(); tree.nodes.len()];
+        for index in (0..steps.len()).rev() {
+            steps[index] = step(&tree.nodes[index..], &steps[index..]);
+        }
+        let (cost, bounds, as_leaf) = (steps[0].cost[0], tree.nodes[0].bounds, steps[0].is_leaf && !is_all);
+        let mut emit = Emit::new(tree, &steps, Leaves::Primitives(soup));
+        let root = if as_leaf { emit.leaf(0) } else { emit.below_root() };
+        Self { wide: emit.wide, root, cost, bounds }
+    }
+}
+
+/// Places the nodes over some parts, and the parts behind them.
+fn join(top: &Tree, parts: &[Part]) -> Collapsed {
+    let mut steps = vec![Step::default(); top.nodes.len()];
+    for index in (0..steps.len()).rev() {
+        let node = &top.nodes[index];
+        steps[index] = if node.is_leaf() {
+            // Its count keeps it from being packed in a leaf together with another part.
+            Step { cost: [parts[node.primitive as usize].cost; WIDTH - 1], is_leaf: true, count: MAX_LEAF + 1, ..Step::default() }
+        } else {
+            step(&top.nodes[index..], &steps[index..])
+        };
+    }
+    let starts_above = |n_top: usize| {
+        parts.iter().scan((n_top, 0), |next, part| {
+            let start = *next;
+            *next = (start.0 + part.wide.nodes.len(), start.1 + part.wide.packets.len());
+            Some(start)
+        })
+    };
+    // The nodes on top are counted first: the places of all others depend on their number.
+    let mut count = Emit::new(top, &steps, Leaves::Parts(&[]));
+    count.below_root();
+    let starts: Vec<(usize, usize)> = starts_above(count.wide.nodes.len()).collect();
+    let roots: Vec<Child> = parts.iter().zip(&starts).map(|(part, start)| part.root.moved(start.0, start.1)).collect();
+    let mut emit = Emit::new(top, &steps, Leaves::Parts(&roots));
+    emit.below_root();
+    let mut wide = emit.wide;
+    let n_top = wide.nodes.len();
+    let all = |of: fn(&Collapsed) -> usize| parts.iter().map(|part| of(&part.wide)).sum::<usize>();
+    let mut nodes = in_large_pages(n_top + all(|wide| wide.nodes.len()));
+    nodes.append(&mut wide.nodes);
+    (wide.nodes, wide.packets) = (nodes, in_large_pages(all(|wide| wide.packets.len())));
+    wide.depth += parts.iter().map(|part| part.wide.depth).max().unwrap_or(0);
+    wide.nodes.par_extend((0..all(|wide| wide.nodes.len())).into_par_iter().map(|place| {
+        let place = place + n_top;
+        let part = starts.partition_point(|start| start.0 <= place) - 1;
+        let mut node = parts[part].wide.nodes[place - starts[part].0];
+        node.children = node.children.map(|child| child.moved(starts[part].0, starts[part].1));
+        node
+    }));
+    wide.packets.par_extend((0..all(|wide| wide.packets.len())).into_par_iter().map(|place| {
+        let part = starts.partition_point(|start| start.1 <= place) - 1;
+        parts[part].wide.packets[place - starts[part].1]
+    }));
+    wide
 }
 
 /// The best ways to present one inner node; for `i` roots at index `i - 1`.
@@ -55,33 +131,6 @@ struct Step {
     /// As one root: a leaf rather than a node.
     is_leaf: bool,
     count: u32,
-}
-
-impl Plan {
-    fn new(tree: &Tree) -> Self {
-        let mut steps = vec![Step::default(); tree.nodes.len()];
-        if !steps.is_empty() {
-            solve(&tree.nodes, &mut steps);
-        }
-        Self { steps }
-    }
-}
-
-/// Nodes below which a subtree is not worth another task.
-const TASK: usize = 1 << 14;
-
-/// Fills the steps of a subtree, children before parents; the two halves of a large one in parallel.
-fn solve(nodes: &[BinaryNode], steps: &mut [Step]) {
-    if nodes.len() <= TASK {
-        for index in (0..nodes.len()).rev() {
-            steps[index] = step(&nodes[index..], &steps[index..]);
-        }
-        return;
-    }
-    let second = 1 + nodes[1].size as usize;
-    let (first_steps, second_steps) = steps[1..].split_at_mut(second - 1);
-    rayon::join(|| solve(&nodes[1..second], first_steps), || solve(&nodes[second..], second_steps));
-    steps[0] = step(nodes, steps);
 }
 
 /// The step of the first of some nodes in preorder; those of its children are known.
@@ -112,48 +161,75 @@ fn inner_step(area: f32, a: &Step, b: &Step) -> Step {
     let as_leaf = if step.count <= MAX_LEAF { area * packets as f32 * PACKET_COST } else { f32::INFINITY };
     step.is_leaf = as_leaf <= as_node && step.count <= MAX_LEAF;
     step.cost[0] = as_node.min(as_leaf);
-    for roots in 2..WIDTH {
+    // More roots than primitives are never of use, and most nodes have few.
+    let useful = WIDTH.min(step.count as usize + 1);
+    for roots in 2..useful {
         let (cost, to_first) = split(roots);
         let fewer = step.cost[roots - 2];
         (step.cost[roots - 1], step.to_first[roots - 1]) = if cost < fewer { (cost, to_first) } else { (fewer, 0) };
     }
+    for roots in useful.max(2)..WIDTH {
+        step.cost[roots - 1] = step.cost[roots - 2];
+    }
     step
+}
+
+/// What the leaves of the binary tree stand for.
+enum Leaves<'a> {
+    /// Primitives.
+    Primitives(&'a Soup),
+    /// Parts that are in their places; of an empty slice, parts that have none yet.
+    Parts(&'a [Child]),
 }
 
 /// Writes nodes and leaves.
 struct Emit<'a> {
     tree: &'a Tree,
-    soup: &'a Soup,
-    plan: Plan,
-    nodes: Vec<Node>,
-    packets: Vec<Packet>,
-    depth: usize,
+    steps: &'a [Step],
+    leaves: Leaves<'a>,
+    wide: Collapsed,
+}
+
+impl<'a> Emit<'a> {
+    fn new(tree: &'a Tree, steps: &'a [Step], leaves: Leaves<'a>) -> Self {
+        let wide = Collapsed { nodes: vec![Node::EMPTY], packets: Vec::with_capacity(tree.nodes.len() / 5), depth: 1 };
+        Self { tree, steps, leaves, wide }
+    }
 }
 
 impl Emit<'_> {
+    /// Writes the root, as a node, and all nodes below it.
+    fn below_root(&mut self) -> Child {
+        let mut open = vec![(0, 0, 1)];
+        while let Some((binary, wide, depth)) = open.pop() {
+            self.node(binary, wide, depth, &mut open);
+        }
+        Child::ROOT
+    }
+
     /// Fills wide node `wide` from the binary node; inner children get adjacent places and are left in `open`.
     fn node(&mut self, binary: u32, wide: usize, depth: usize, open: &mut Vec<(u32, usize, usize)>) {
-        self.depth = self.depth.max(depth);
+        self.wide.depth = self.wide.depth.max(depth);
         let (roots, n_roots) = self.roots(binary);
         let mut node = Node::EMPTY;
         for (slot, &root) in roots[..n_roots].iter().enumerate() {
-            let child = if self.plan.steps[root as usize].is_leaf {
+            let child = if self.steps[root as usize].is_leaf {
                 self.leaf(root)
             } else {
-                self.nodes.push(Node::EMPTY);
-                open.push((root, self.nodes.len() - 1, depth + 1));
-                Child::inner(self.nodes.len() - 1)
+                self.wide.nodes.push(Node::EMPTY);
+                open.push((root, self.wide.nodes.len() - 1, depth + 1));
+                Child::inner(self.wide.nodes.len() - 1)
             };
             let bounds = &self.tree.nodes[root as usize].bounds;
             node.set(slot, bounds.min, bounds.max, child);
         }
-        self.nodes[wide] = node;
+        self.wide.nodes[wide] = node;
     }
 
     /// The binary nodes that become children of the wide node over `binary`.
     fn roots(&self, binary: u32) -> ([u32; WIDTH], usize) {
         let (mut roots, mut n_roots) = ([0; WIDTH], 0);
-        let step = &self.plan.steps[binary as usize];
+        let step = &self.steps[binary as usize];
         let mut open: Vec<(u32, usize)> = Vec::with_capacity(WIDTH);
         if self.tree.nodes[binary as usize].is_leaf() {
             open.push((binary, 1));
@@ -163,7 +239,7 @@ impl Emit<'_> {
             open.extend([(second, WIDTH - to_first), (first, to_first)]);
         }
         while let Some((index, mut share)) = open.pop() {
-            let (node, step) = (&self.tree.nodes[index as usize], &self.plan.steps[index as usize]);
+            let (node, step) = (&self.tree.nodes[index as usize], &self.steps[index as usize]);
             while share > 1 && step.to_first[share - 1] == 0 {
                 share -= 1;
             }
@@ -181,6 +257,12 @@ impl Emit<'_> {
 
     /// Packs the primitives under a binary node.
     fn leaf(&mut self, root: u32) -> Child {
+        let soup = match self.leaves {
+            Leaves::Primitives(soup) => soup,
+            Leaves::Parts(parts) => {
+                return parts.get(self.tree.nodes[root as usize].primitive as usize).copied().unwrap_or(Child::ROOT);
+            }
+        };
         let below = &self.tree.nodes[root as usize..][..self.tree.nodes[root as usize].size as usize];
         let (mut primitives, mut n) = ([0; MAX_LEAF as usize], 0);
         for node in below.iter().filter(|node| node.is_leaf()) {
@@ -189,18 +271,18 @@ impl Emit<'_> {
         }
         let primitives = &mut primitives[..n];
         primitives.sort_unstable();
-        let (first, mut has_spheres) = (self.packets.len(), false);
+        let (first, mut has_spheres) = (self.wide.packets.len(), false);
         for chunk in primitives.chunks(LANES) {
             let mut packet = Packet::EMPTY;
             for (lane, &primitive) in chunk.iter().enumerate() {
                 packet.primitives[lane] = primitive;
-                match self.soup.primitive(primitive) {
+                match soup.primitive(primitive) {
                     Primitive::Triangle(corners) => packet.set(lane, corners),
                     Primitive::Sphere(_) => has_spheres = true,
                 }
             }
-            self.packets.push(packet);
+            self.wide.packets.push(packet);
         }
-        Child::leaf(first, self.packets.len() - first, has_spheres)
+        Child::leaf(first, self.wide.packets.len() - first, has_spheres)
     }
 }

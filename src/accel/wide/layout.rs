@@ -67,6 +67,11 @@ impl Child {
         Child(Self::LEAF | (first as u32) << 4 | if has_spheres { Self::SPHERES } else { 0 } | (count - 1) as u32)
     }
 
+    /// The same child where `nodes` nodes and `packets` packets have been placed before its own.
+    pub fn moved(self, nodes: usize, packets: usize) -> Self {
+        if self.is_leaf() { Child(self.0 + ((packets as u32) << 4)) } else { Child(self.0 + nodes as u32) }
+    }
+
     /// True for a leaf.
     #[inline(always)]
     pub fn is_leaf(self) -> bool {

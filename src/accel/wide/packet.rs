@@ -12,8 +12,10 @@ use super::kernel::{Distances, Key, Stack};
 use super::layout::{Child, LANES, Node, Packet, WIDTH};
 use super::{Wide, avx2};
 use crate::accel::query::{BOX_SLACK, Query};
-use crate::geometry::Hit;
 use crate::geometry::soup::Primitive;
+use crate::geometry::triangle::ShearedRay;
+use crate::geometry::{Hit, Ray};
+use crate::math::Vec3;
 
 /// Groups of eight rays in a bundle.
 const GROUPS: usize = 4;
@@ -27,7 +29,7 @@ struct Eight([f32; WIDTH]);
 
 /// Rays side by side.
 struct Bundle<'a> {
-    queries: &'a [Query],
+    rays: &'a [Ray],
     groups: [Group; GROUPS],
     together: Together,
     /// Rows of [`Node::planes`] through which all rays enter.
@@ -60,26 +62,29 @@ struct Together {
     limit: f32,
 }
 
-/// Nearest hits of up to [`RAYS`] rays that share the sign of each direction component and the largest one.
-pub fn nearest(wide: &Wide, queries: &[Query], mut hit: impl FnMut(usize, Option<Hit>)) {
-    assert!(wide.use_avx2 && !queries.is_empty() && queries.len() <= RAYS);
-    let mut bundle = Bundle::new(queries);
+/// Nearest hits of up to [`RAYS`] [usable](crate::accel::query::usable) rays that share the sign of each direction component and
+/// the largest one.
+pub fn nearest(wide: &Wide, rays: &[Ray], mut hit: impl FnMut(usize, Option<Hit>)) {
+    assert!(wide.use_avx2 && !rays.is_empty() && rays.len() <= RAYS);
     // SAFETY: `Wide::use_avx2` is true only if the processor has AVX2.
+    let mut bundle = unsafe { Bundle::new(rays) };
+    // SAFETY: as above.
     unsafe { walk::<false>(wide, &mut bundle) };
-    for (index, query) in queries.iter().enumerate() {
+    for (index, ray) in rays.iter().enumerate() {
         let group = &bundle.groups[index / WIDTH];
         let (t, primitive) = (group.limit.0[index % WIDTH], group.primitive[index % WIDTH]);
-        hit(index, (t < query.ray.t_max).then_some(Hit { t, primitive }));
+        hit(index, (t < ray.t_max).then_some(Hit { t, primitive }));
     }
 }
 
 /// Occlusion of such rays.
-pub fn any(wide: &Wide, queries: &[Query], mut answer: impl FnMut(usize, bool)) {
-    assert!(wide.use_avx2 && !queries.is_empty() && queries.len() <= RAYS);
-    let mut bundle = Bundle::new(queries);
+pub fn any(wide: &Wide, rays: &[Ray], mut answer: impl FnMut(usize, bool)) {
+    assert!(wide.use_avx2 && !rays.is_empty() && rays.len() <= RAYS);
+    // SAFETY: as in `nearest`.
+    let mut bundle = unsafe { Bundle::new(rays) };
     // SAFETY: as in `nearest`.
     unsafe { walk::<true>(wide, &mut bundle) };
-    for index in 0..queries.len() {
+    for index in 0..rays.len() {
         answer(index, bundle.groups[index / WIDTH].limit.0[index % WIDTH] == f32::NEG_INFINITY);
     }
 }
@@ -88,31 +93,54 @@ pub fn any(wide: &Wide, queries: &[Query], mut answer: impl FnMut(usize, bool)) 
 const MAX_SPREAD: f32 = 1.0;
 
 impl<'a> Bundle<'a> {
-    fn new(queries: &'a [Query]) -> Self {
-        let first = &queries[0];
-        let spread = |v: [f32; 3]| v.map(|x| Eight([x; WIDTH]));
-        // A lane without a ray has the first one's numbers, but ends before it starts.
+    #[inline]
+    #[target_feature(enable = "avx2,bmi1,bmi2")]
+    fn new(rays: &'a [Ray]) -> Self {
+        let first = &rays[0];
+        let axes = ShearedRay::new(first).axes;
+        let enter = [0, 1, 2].map(|axis| if first.direction[axis].is_sign_positive() { axis } else { axis + 3 });
+        let spread = |v: Vec3| v.to_array().map(|x| Eight([x; WIDTH]));
+        // A lane without a ray has the first one's numbers, but ends before it starts. The directions stay in `inverse` until they
+        // are inverted.
         let empty = Group {
-            origin: spread(first.ray.origin.into()),
-            inverse: spread(first.inverse.into()),
-            shear: spread(first.sheared.shear),
-            t_min: Eight([first.ray.t_min; WIDTH]),
+            origin: spread(first.origin),
+            inverse: spread(first.direction),
+            shear: [Eight([0.0; WIDTH]); 3],
+            t_min: Eight([first.t_min; WIDTH]),
             limit: Eight([f32::NEG_INFINITY; WIDTH]),
             primitive: [0; WIDTH],
         };
         let mut groups = [empty; GROUPS];
-        for (index, query) in queries.iter().enumerate() {
+        for (index, ray) in rays.iter().enumerate() {
             let (group, lane) = (&mut groups[index / WIDTH], index % WIDTH);
             for axis in 0..3 {
-                group.origin[axis].0[lane] = query.ray.origin[axis];
-                group.inverse[axis].0[lane] = query.inverse[axis];
-                group.shear[axis].0[lane] = query.sheared.shear[axis];
+                group.origin[axis].0[lane] = ray.origin[axis];
+                group.inverse[axis].0[lane] = ray.direction[axis];
             }
-            group.t_min.0[lane] = query.ray.t_min;
-            group.limit.0[lane] = query.ray.t_max;
+            group.t_min.0[lane] = ray.t_min;
+            group.limit.0[lane] = ray.t_max;
         }
-        let enter = [0, 1, 2].map(|axis| if first.inverse[axis] >= 0.0 { axis } else { axis + 3 });
-        Self { queries, groups, together: Together::default(), enter, axes: first.sheared.axes }
+        // The operations of `ShearedRay::new` and `Query::new`, lane by lane.
+        for group in &mut groups {
+            let direction = [0, 1, 2].map(|axis| load8(&group.inverse[axis].0));
+            let inverse = direction.map(|d| _mm256_div_ps(_mm256_set1_ps(1.0), d));
+            let [x, y, z] = axes;
+            let shear = [_mm256_mul_ps(direction[x], inverse[z]), _mm256_mul_ps(direction[y], inverse[z]), inverse[z]];
+            for i in 0..3 {
+                store8(&mut group.inverse[i], inverse[i]);
+                store8(&mut group.shear[i], shear[i]);
+            }
+        }
+        Self { rays, groups, together: Together::default(), enter, axes }
+    }
+
+    /// One of the rays as it goes on alone.
+    #[inline]
+    fn query(&self, index: usize) -> Query {
+        let (ray, group, lane) = (self.rays[index], &self.groups[index / WIDTH], index % WIDTH);
+        let shear = [0, 1, 2].map(|i| group.shear[i].0[lane]);
+        let inverse = Vec3::from_array([0, 1, 2].map(|axis| group.inverse[axis].0[lane]));
+        Query { ray, sheared: ShearedRay { origin: ray.origin, axes: self.axes, shear }, inverse }
     }
 }
 
@@ -172,7 +200,7 @@ struct Entry {
 /// The walk of all rays through the tree.
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 fn walk<const ANY: bool>(wide: &Wide, bundle: &mut Bundle) {
-    let (mut current, mut rays) = (Child::ROOT, u32::MAX >> (RAYS - bundle.queries.len()));
+    let (mut current, mut rays) = (Child::ROOT, u32::MAX >> (RAYS - bundle.rays.len()));
     match Together::new(bundle) {
         Some(together) => bundle.together = together,
         None => {
@@ -211,16 +239,21 @@ fn go_alone<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, start: Child, mut
     while rays != 0 {
         let index = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let (query, group, ray) = (&bundle.queries[index], &mut bundle.groups[index / WIDTH], index % WIDTH);
+        let (group, ray) = (&bundle.groups[index / WIDTH], index % WIDTH);
         let (t, primitive) = (group.limit.0[ray], group.primitive[ray]);
-        let hit = if t < query.ray.t_max { Some(Hit { t, primitive }) } else { None };
+        let hit = if t < bundle.rays[index].t_max { Some(Hit { t, primitive }) } else { None };
+        if ANY && hit.is_some() {
+            // It has hit something already: its end lies before its start.
+            continue;
+        }
+        let query = bundle.query(index);
+        let group = &mut bundle.groups[index / WIDTH];
         if ANY {
-            // A ray that has hit something already has its end before its start.
-            if hit.is_none() && avx2::any(wide, query, start) {
+            if avx2::any(wide, &query, start) {
                 group.keep::<ANY>(ray, Hit { t, primitive });
                 found = true;
             }
-        } else if let Some(better) = avx2::nearest(wide, query, start, hit).filter(|&better| Some(better) != hit) {
+        } else if let Some(better) = avx2::nearest(wide, &query, start, hit).filter(|&better| Some(better) != hit) {
             group.keep::<ANY>(ray, better);
             found = true;
         }
@@ -253,6 +286,13 @@ fn descend(wide: &Wide, bundle: &Bundle, index: Child, rays: u32, stack: &mut St
 fn load8(row: &[f32; WIDTH]) -> __m256 {
     // SAFETY: the reference covers the 32 bytes read; no alignment is asked for.
     unsafe { _mm256_loadu_ps(row.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn store8(row: &mut Eight, values: __m256) {
+    // SAFETY: the array's 32 bytes are written, at the alignment of `Eight`.
+    unsafe { _mm256_store_ps(row.0.as_mut_ptr(), values) };
 }
 
 /// Children that some ray between the bundle's bounds may enter.
@@ -331,7 +371,7 @@ fn meet_leaf<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, leaf: Child, ray
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 fn meet<const ANY: bool>(corners: &[[__m256; 3]; 3], bundle: &mut Bundle, index: usize, primitive: u32) -> (bool, u32) {
-    let group = &mut bundle.groups[index];
+    let group = &bundle.groups[index];
     let origin = bundle.axes.map(|axis| load8(&group.origin[axis].0));
     let shear = [0, 1, 2].map(|i| load8(&group.shear[i].0));
     let project = |corner: &[__m256; 3]| {
@@ -351,7 +391,8 @@ fn meet<const ANY: bool>(corners: &[[__m256; 3]; 3], bundle: &mut Bundle, index:
     let det = _mm256_add_ps(_mm256_add_ps(u, v), w);
     let [az, bz, cz] = [az, bz, cz].map(|z| _mm256_mul_ps(shear[2], z));
     let scaled = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(u, az), _mm256_mul_ps(v, bz)), _mm256_mul_ps(w, cz));
-    let distance = _mm256_div_ps(scaled, det);
+    let distance = settle(_mm256_div_ps(scaled, det), corners, bundle, index);
+    let group = &mut bundle.groups[index];
     let limit = load8(&group.limit.0);
     // SAFETY: the reference covers the 32 bytes read; no alignment is asked for.
     let best = unsafe { _mm256_loadu_si256(group.primitive.as_ptr().cast()) };
@@ -379,13 +420,35 @@ fn meet<const ANY: bool>(corners: &[[__m256; 3]; 3], bundle: &mut Bundle, index:
     (is_hit, unsure)
 }
 
+/// [`Query::settle`], lane by lane.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+fn settle(t: __m256, [a, b, c]: &[[__m256; 3]; 3], bundle: &Bundle, index: usize) -> __m256 {
+    let group = &bundle.groups[index];
+    let mut enter = _mm256_set1_ps(f32::NEG_INFINITY);
+    for (i, axis) in bundle.axes.into_iter().enumerate() {
+        let plane = if bundle.enter[axis] == axis {
+            _mm256_min_ps(_mm256_min_ps(a[i], b[i]), c[i])
+        } else {
+            _mm256_max_ps(_mm256_max_ps(a[i], b[i]), c[i])
+        };
+        let slab = _mm256_mul_ps(_mm256_sub_ps(plane, load8(&group.origin[axis].0)), load8(&group.inverse[axis].0));
+        enter = _mm256_max_ps(slab, enter);
+    }
+    let is_before = _mm256_cmp_ps::<_CMP_GT_OQ>(enter, _mm256_mul_ps(t, _mm256_set1_ps(BOX_SLACK)));
+    _mm256_blendv_ps(t, enter, is_before)
+}
+
 /// Tests the rays of `unsure` one by one in f64.
 #[cold]
 fn meet_unsure<const ANY: bool>(bundle: &mut Bundle, index: usize, packet: &Packet, lane: usize, unsure: u32) -> bool {
     let mut found = false;
     let primitive = packet.primitives[lane];
     for ray in (0..WIDTH).filter(|ray| unsure >> ray & 1 != 0) {
-        let Some(query) = bundle.queries.get(index * WIDTH + ray) else { continue };
+        if index * WIDTH + ray >= bundle.rays.len() {
+            continue;
+        }
+        let query = bundle.query(index * WIDTH + ray);
         if let Some(t) = query.meet(packet.triangle(lane), query.ray.t_max) {
             found |= bundle.groups[index].offer::<ANY>(ray, Hit { t, primitive });
         }
@@ -417,8 +480,8 @@ fn meet_spheres<const ANY: bool>(wide: &Wide, bundle: &mut Bundle, packet: &Pack
     let mut found = false;
     for primitive in packet.primitives.into_iter().filter(|&p| p != Packet::NOTHING) {
         let Primitive::Sphere(sphere) = wide.soup.primitive(primitive) else { continue };
-        for (index, query) in bundle.queries.iter().enumerate().filter(|(i, _)| rays >> i & 1 != 0) {
-            if let Some(t) = sphere.intersect(&query.ray, query.ray.t_min, query.ray.t_max) {
+        for (index, ray) in bundle.rays.iter().enumerate().filter(|(i, _)| rays >> i & 1 != 0) {
+            if let Some(t) = sphere.intersect(ray, ray.t_min, ray.t_max) {
                 found |= bundle.groups[index / WIDTH].offer::<ANY>(index % WIDTH, Hit { t, primitive });
             }
         }
