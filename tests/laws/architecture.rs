@@ -183,7 +183,8 @@ fn sources(root: &str) -> Vec<Source> {
 fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("readable") {
         let path = entry.expect("readable").path();
-        if path.is_dir() {
+        // Build outputs are nobody's text.
+        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
             collect(&path, files);
         } else if path.extension().is_some_and(|e| e == "rs") {
             files.push(path);

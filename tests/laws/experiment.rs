@@ -155,7 +155,10 @@ fn halfway(place: &Place) -> Child {
     place.write("plan.toml", &plan("spp = [1, 2, 3, 4]", &external("theirs", run)));
     let mut child = place.command("experiment plan.toml -o dir").stderr(Stdio::null()).spawn().expect("starts");
     let begin = Instant::now();
-    while !std::fs::read_to_string(place.path("pid")).is_ok_and(|pid| pid.ends_with('\n')) {
+    // Begun, and noted as running.
+    let begun = || std::fs::read_to_string(place.path("pid")).is_ok_and(|pid| pid.ends_with('\n'));
+    let noted = || std::fs::read_to_string(place.path("dir").join(".running")).is_ok_and(|text| !text.is_empty());
+    while !(begun() && noted()) {
         assert!(begin.elapsed() < Duration::from_secs(60), "the third run does not begin");
         assert!(child.try_wait().expect("a state").is_none(), "ended by itself");
         std::thread::sleep(Duration::from_millis(10));
