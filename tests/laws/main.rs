@@ -13,6 +13,7 @@ mod emitters;
 mod furnace;
 mod glossy;
 mod invariance;
+mod lamps;
 mod light;
 mod loading;
 mod loading_gltf;
