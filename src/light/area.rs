@@ -89,6 +89,14 @@ impl Emitter {
     }
 
     /// Texture coordinates of the point of triangle `index` with barycentric weights `w`.
+    /// Texture coordinates of the point of triangle `index` with barycentric weights `w`; `w` itself on a sphere.
+    pub fn uv_of(&self, index: usize, w: DVec2) -> Vec2 {
+        match self {
+            Emitter::Triangles { uvs, .. } => Self::uv(uvs, index, w),
+            Emitter::Sphere(_) => w.as_vec2(),
+        }
+    }
+
     #[inline]
     fn uv(uvs: &[[Vec2; 3]], index: usize, w: DVec2) -> Vec2 {
         let Some([a, b, c]) = uvs.get(index).map(|t| t.map(|uv| uv.as_dvec2())) else { return w.as_vec2() };
