@@ -100,12 +100,14 @@ impl TwoPass<'_> {
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
         self.world.follow(ray, sight, sampler, limit.saturating_sub(depth + 1), counts, |event| match event {
-            Event::Surface { at, shading, throughput, through, emission_share } => {
+            Event::Surface { at, shading, throughput, through, emission_share, by_ideal_lobes } => {
                 if through == 0 {
                     distance = at.t;
                 }
                 let shape = &scene.shapes[at.shape as usize];
-                if at.front && emission_share > 0.0 {
+                let by_particles =
+                    by_ideal_lobes && self.caustics.is_some() && self.world.partition().found_by_shadow_rays(at.shape as usize);
+                if at.front && emission_share > 0.0 && !by_particles {
                     emitted += throughput * shape.emitted(at.uv) * emission_share;
                 }
                 if let Some(field) = self.field
@@ -141,6 +143,8 @@ impl TwoPass<'_> {
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and one gather ray.
     fn near(&self, si: &SurfaceInteraction, depth: u32, levels: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
         let shading = self.world.shading(si);
+        let thrown = self.caustics.map_or(Rgb::BLACK, |map| map.irradiance(si, &shading));
+        let thrown = RadiosityField::reflected_radiance(shading.diffuse_reflectance(), thrown);
         let respond = |ray: &ShadowRay| {
             let share = ray.share_beside_gather_rays(1.0, ray.direction.dot(shading.normal()));
             Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
@@ -150,14 +154,14 @@ impl TwoPass<'_> {
         let direction = Frame::new(shading.normal()).to_world(local);
         let response = shading.eval(direction).diffuse;
         if response.is_black() {
-            return direct;
+            return direct + thrown;
         }
         let density = cosine_density(1.0, local.z);
         let sampling = Shading::IN_PASSING;
         let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling };
         counts.gather += 1;
         let found = self.gathered_within(si.spawn(direction), Sight::Gather(origin), depth, levels, sampler, counts);
-        direct + response / density * (found.reflected + found.emitted)
+        direct + thrown + response / density * (found.reflected + found.emitted)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Pass two: what a camera ray sees.
 
 mod branches;
+pub mod caustic_map;
 pub mod drive;
 pub mod final_gather;
 pub mod irradiance_cache;
@@ -13,6 +14,7 @@ use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
+use caustic_map::CausticMap;
 use irradiance_cache::IrradianceCache;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -88,7 +90,7 @@ impl Method {
         settings: IntegratorSettings,
     ) -> Box<dyn Integrator + 'a> {
         match self {
-            Method::TwoPass | Method::TwoPassWhitted => Box::new(TwoPass { world, field, settings, cache: None }),
+            Method::TwoPass | Method::TwoPassWhitted => Box::new(TwoPass { world, field, settings, cache: None, caustics: None }),
             Method::Path => Box::new(path::PathTracer { world, settings }),
         }
     }
@@ -210,4 +212,6 @@ pub struct TwoPass<'a> {
     pub settings: IntegratorSettings,
     /// Irradiance gathered at few points, read instead of gathering where it reaches.
     pub cache: Option<&'a IrradianceCache>,
+    /// Light of lamps through mirrors and glass; gather rays leave it out then.
+    pub caustics: Option<&'a CausticMap>,
 }

@@ -159,6 +159,9 @@ impl TwoPass<'_> {
         if !diffuse_wanted {
             return;
         }
+        if let Some(map) = self.caustics.filter(|_| gathers) {
+            *trace.sample.layer(Quantity::Caustic) += reflect(map.irradiance(si, shading));
+        }
         match (read_out, self.field) {
             (ReadOut::FinalGather, _) => match cached {
                 Some(found) => {

@@ -1,6 +1,7 @@
 //! Emitting triangles and spheres.
 
 use super::cells::Cells;
+use super::projected::{Faces, Seen};
 use super::{LightHit, LightSample};
 use crate::geometry::{Bounds, Mesh, Sphere, offset_origin, triangle};
 use crate::material::Texture;
@@ -44,6 +45,8 @@ pub struct AreaLight {
     cells: Cells,
     /// Running sum of the weights by which cells are chosen, cells of the first triangle first; empty for a sphere.
     running: Vec<f64>,
+    /// Its faces, if it has few and shines alike everywhere: they are sampled by what they do for a receiver.
+    faces: Option<Box<Faces>>,
 }
 
 /// The surface of an [`AreaLight`].
@@ -86,6 +89,14 @@ impl Emitter {
     }
 
     /// Texture coordinates of the point of triangle `index` with barycentric weights `w`.
+    /// Texture coordinates of the point of triangle `index` with barycentric weights `w`; `w` itself on a sphere.
+    pub fn uv_of(&self, index: usize, w: DVec2) -> Vec2 {
+        match self {
+            Emitter::Triangles { uvs, .. } => Self::uv(uvs, index, w),
+            Emitter::Sphere(_) => w.as_vec2(),
+        }
+    }
+
     #[inline]
     fn uv(uvs: &[[Vec2; 3]], index: usize, w: DVec2) -> Vec2 {
         let Some([a, b, c]) = uvs.get(index).map(|t| t.map(|uv| uv.as_dvec2())) else { return w.as_vec2() };
@@ -109,7 +120,11 @@ impl AreaLight {
             }
             (Emitter::Triangles { corners, uvs, .. }, texture) => measure(corners, uvs, texture, area),
         };
-        Self { shape, radiance, emitter, area, mean, cells, running }
+        let faces = match (&emitter, &radiance) {
+            (Emitter::Triangles { corners, .. }, Texture::Constant(_)) => Faces::of(corners).map(Box::new),
+            _ => None,
+        };
+        Self { shape, radiance, emitter, area, mean, cells, running, faces }
     }
 
     /// Area [m²].
@@ -128,18 +143,24 @@ impl AreaLight {
         self.mean * (PI * self.area)
     }
 
-    /// A point of the surface: by the power of its parts for triangles, by solid angle for a sphere seen from outside.
+    /// A point of the surface: for a few triangles of constant radiance by the projected solid angle in the sky of a receiver with normal
+    /// `receiver` (`None`: one that faces all ways), for others by the power of their parts; for a sphere seen from outside by solid
+    /// angle.
     #[inline]
-    pub fn sample(&self, point: Vec3, u: Vec2) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, receiver: Option<Vec3>, u: Vec2) -> Option<LightSample> {
         match &self.emitter {
-            Emitter::Triangles { corners, uvs, .. } => self.sample_triangles(point, u, corners, uvs),
+            Emitter::Triangles { corners, uvs, .. } => match self.seen_from(point, receiver) {
+                Some(seen) => self.sample_seen(&seen, u),
+                None => self.sample_triangles(point, u, corners, uvs),
+            },
             Emitter::Sphere(sphere) => self.sample_sphere(point, u, sphere),
         }
     }
 
-    /// Density per steradian with which [`AreaLight::sample`] from `point` finds the direction that meets this light at `hit`.
+    /// Density per steradian with which [`AreaLight::sample`] from `point` for `receiver` finds the direction that meets this light at
+    /// `hit`.
     #[inline]
-    pub fn pdf(&self, point: Vec3, direction: Vec3, hit: &LightHit) -> f64 {
+    pub fn pdf(&self, point: Vec3, receiver: Option<Vec3>, direction: Vec3, hit: &LightHit) -> f64 {
         match &self.emitter {
             Emitter::Triangles { corners, .. } => {
                 let Some(&[a, b, c]) = corners.get(hit.primitive as usize) else { return 0.0 };
@@ -148,6 +169,9 @@ impl AreaLight {
                 let cos = -direction.as_dvec3().dot(vector) / area;
                 if cos <= 0.0 {
                     return 0.0;
+                }
+                if let Some(seen) = self.seen_from(point, receiver) {
+                    return seen.pdf(direction, hit.primitive as usize);
                 }
                 let cell = if self.cells.per_edge == 1 { 0 } else { self.cells.index_of(weights_at(hit.position, [a, b, c])) };
                 let d2 = (hit.position - point).as_dvec3().length_squared();
@@ -168,6 +192,20 @@ impl AreaLight {
         let before = if cell == 0 { 0.0 } else { self.running[cell - 1] };
         let total = self.running.last().copied().unwrap_or(0.0);
         (self.running[cell] - before) * self.cells.count() as f64 / (total * triangle_area)
+    }
+
+    /// Its faces in the sky of a receiver; `None`: points are sampled by area.
+    #[inline]
+    fn seen_from(&self, point: Vec3, receiver: Option<Vec3>) -> Option<Seen<'_>> {
+        self.faces.as_ref().and_then(|faces| faces.seen_from(point, receiver))
+    }
+
+    #[inline]
+    fn sample_seen(&self, seen: &Seen<'_>, u: Vec2) -> Option<LightSample> {
+        let toward = seen.sample(u)?;
+        let direction = toward.direction.as_vec3();
+        let target = offset_origin(toward.position.as_vec3(), Vec3::splat(toward.error), toward.normal.as_vec3(), -direction);
+        Some(LightSample { target: Some(target), direction, irradiance: self.mean / toward.pdf, pdf: toward.pdf })
     }
 
     fn sample_triangles(&self, point: Vec3, mut u: Vec2, corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]]) -> Option<LightSample> {
@@ -313,7 +351,7 @@ mod tests {
     fn irradiance(light: &AreaLight, point: Vec3, n: Vec3, samples: usize) -> f64 {
         let at = |i: usize| (i as f32 + 0.5) / samples as f32;
         (0..samples * samples)
-            .filter_map(|k| light.sample(point, Vec2::new(at(k % samples), at(k / samples))))
+            .filter_map(|k| light.sample(point, Some(n), Vec2::new(at(k % samples), at(k / samples))))
             .map(|s| s.irradiance.r * f64::from(s.direction.dot(n)).max(0.0))
             .sum::<f64>()
             / (samples * samples) as f64

@@ -6,6 +6,7 @@ pub mod cells;
 pub mod directional;
 pub mod environment;
 pub mod point;
+pub mod projected;
 pub mod spot;
 pub mod tree;
 
@@ -62,11 +63,12 @@ pub enum Light {
 }
 
 impl Light {
-    /// A sample of the light as seen from `point`; `None` where the light cannot reach, visibility aside.
+    /// A sample of the light as seen from `point` by a receiver whose one receiving side has the unit normal `receiver` (`None`: both
+    /// sides receive); `None` where the light cannot reach, visibility aside.
     #[inline]
-    pub fn sample(&self, point: Vec3, u: Vec2) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, receiver: Option<Vec3>, u: Vec2) -> Option<LightSample> {
         match self {
-            Light::Area(light) => light.sample(point, u),
+            Light::Area(light) => light.sample(point, receiver, u),
             Light::Point(light) => light.sample(point),
             Light::Spot(light) => light.sample(point),
             Light::Directional(light) => Some(light.sample()),
@@ -77,12 +79,12 @@ impl Light {
         }
     }
 
-    /// Density per steradian with which [`Light::sample`] from `point` finds `direction`, when a ray that way meets this light at
-    /// `hit` (`None`: it leaves the scene); 0 if it cannot be found so, as for lights without extent.
+    /// Density per steradian with which [`Light::sample`] from `point` for `receiver` finds `direction`, when a ray that way meets this
+    /// light at `hit` (`None`: it leaves the scene); 0 if it cannot be found so, as for lights without extent.
     #[inline]
-    pub fn pdf(&self, point: Vec3, direction: Vec3, hit: Option<&LightHit>) -> f64 {
+    pub fn pdf(&self, point: Vec3, receiver: Option<Vec3>, direction: Vec3, hit: Option<&LightHit>) -> f64 {
         match (self, hit) {
-            (Light::Area(light), Some(hit)) => light.pdf(point, direction, hit),
+            (Light::Area(light), Some(hit)) => light.pdf(point, receiver, direction, hit),
             (Light::Environment(environment), None) => environment.pdf(direction),
             _ => 0.0,
         }

@@ -389,6 +389,24 @@ impl Material {
         }
     }
 
+    /// True if some of its light goes by an ideal lobe that is not straight on: a mirror, glass, a smooth coat.
+    pub fn bends_ideally(&self) -> bool {
+        match self {
+            Material::Conductor { .. } | Material::Dielectric { .. } | Material::ThinDielectric { .. } | Material::Plastic(_) => {
+                true
+            }
+            Material::Mask { inner, .. } => inner.bends_ideally(),
+            Material::Blend { parts, .. } => parts.iter().any(Material::bends_ideally),
+            Material::TwoSided(inner) => inner.bends_ideally(),
+            Material::Diffuse { .. }
+            | Material::RoughConductor(_)
+            | Material::RoughDielectric(_)
+            | Material::RoughPlastic(_)
+            | Material::Principled(_)
+            | Material::Null => false,
+        }
+    }
+
     /// True if light passes through the surface, or the sides differ: the frame is not mirrored for a viewer below.
     pub fn is_transmissive(&self) -> bool {
         match self {

@@ -57,7 +57,13 @@ impl Prober<'_> {
         points: &[(DVec3, DVec3)],
         one: impl Fn(&TwoPass<'_>, Vec3, Vec3, u64, u64) -> Batch + Sync,
     ) -> (Vec<Probed>, RayCounts) {
-        let tracer = TwoPass { world: self.world, field: Some(&self.pass_one.field), settings: self.settings, cache: None };
+        let tracer = TwoPass {
+            world: self.world,
+            field: Some(&self.pass_one.field),
+            settings: self.settings,
+            cache: None,
+            caustics: None,
+        };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points
             .par_iter()

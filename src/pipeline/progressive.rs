@@ -8,6 +8,7 @@
 use super::cost::StageCosts;
 use super::{PassOne, PassOneSettings, RenderSettings, pass_one};
 use crate::film::PixelSample;
+use crate::integrator::caustic_map::{CausticMap, CausticSettings};
 use crate::integrator::irradiance_cache::{FillSettings, IrradianceCache};
 use crate::integrator::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass};
 use crate::math::sampler::mix;
@@ -38,6 +39,12 @@ const FIRST_RAYS: f64 = 64.0;
 const FIRST_ACCURACY: f64 = 0.4;
 /// Closest records of the first round in pixels.
 const FIRST_CLOSEST: f64 = 3.0;
+/// Particles of a caustic map for each ray that its cache may cost.
+const PARTICLE_SHARE: f64 = 0.5;
+/// Most particles that leave the lamps for one map: some 200 MB.
+const MOST_PARTICLES: f64 = 2e6;
+/// Particles that overlap at a point in the first round; grows as the rays of a record.
+const FIRST_OVERLAP: f64 = 24.0;
 /// Closest records of any round in pixels.
 const LEAST_CLOSEST: f64 = 0.25;
 /// Most rays of a record.
@@ -60,6 +67,7 @@ pub(super) struct Progressive<'a> {
     /// First pass of the next round.
     round_end: u32,
     caches: [Option<IrradianceCache>; 2],
+    caustics: [Option<CausticMap>; 2],
     accuracy: f64,
     costs: StageCosts,
     /// Rays so far, pass one included.
@@ -100,6 +108,7 @@ impl<'a> Progressive<'a> {
             round: 0,
             round_end: FIRST_PASSES,
             caches: [None, None],
+            caustics: [None, None],
             accuracy: FIRST_ACCURACY,
             costs: StageCosts::default(),
             counts,
@@ -180,8 +189,18 @@ impl<'a> Progressive<'a> {
         }
     }
 
-    fn two_pass<'b>(&'b self, cache: Option<&'b IrradianceCache>) -> TwoPass<'b> {
-        TwoPass { world: self.world, field: Some(&self.pass_one.field), settings: self.settings, cache }
+    /// How the caustic map of one half is made: as many particles as the cache has rays, at most.
+    fn caustic_settings(&self, fill: &FillSettings) -> CausticSettings {
+        CausticSettings {
+            particles: (PARTICLE_SHARE * fill.most_rays as f64).min(MOST_PARTICLES) as u32,
+            overlap: (FIRST_OVERLAP * self.finer().sqrt()) as f32,
+            seed: mix(fill.seed ^ 0xca05),
+        }
+    }
+
+    fn two_pass<'b>(&'b self, half: usize, cache: Option<&'b IrradianceCache>) -> TwoPass<'b> {
+        let caustics = self.caustics[half].as_ref();
+        TwoPass { world: self.world, field: Some(&self.pass_one.field), settings: self.settings, cache, caustics }
     }
 }
 
@@ -194,10 +213,11 @@ impl Integrator for Progressive<'_> {
         let mut counts = RayCounts::default();
         if self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
-            let cache = self.two_pass(None).fill(frame, &settings, &mut counts);
+            self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
+            let cache = self.two_pass(half, None).fill(frame, &settings, &mut counts);
             self.caches[half] = Some(cache);
         }
-        let (samples, of_pass) = self.two_pass(self.caches[half].as_ref()).pass(frame, index);
+        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).pass(frame, index);
         counts += of_pass;
         self.counts += counts;
         (samples, counts)
@@ -206,5 +226,5 @@ impl Integrator for Progressive<'_> {
 
 /// Rays of all kinds.
 fn rays(counts: &RayCounts) -> u64 {
-    counts.camera + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
+    counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
 }

@@ -82,7 +82,7 @@ impl World {
     ) -> Scattering {
         let mut sum = Scattering::default();
         let mut add = |light: usize, picked: f64, u: Vec2| {
-            let Some(sample) = self.scene.lights[light].sample(si.point, u) else { return };
+            let Some(sample) = self.scene.lights[light].sample(si.point, receiver, u) else { return };
             let surroundings = self.partition.environment() == Some(light);
             let ray = ShadowRay { direction: sample.direction, density: sample.pdf * picked, surroundings };
             let response = respond(&ray);
@@ -161,7 +161,7 @@ impl World {
 
     /// Expected number of shadow rays per steradian from `origin` along `direction` to `light`, which is met at `hit`.
     pub(super) fn light_density(&self, origin: &Origin, light: usize, direction: Vec3, hit: Option<&LightHit>) -> f64 {
-        let pdf = self.scene.lights[light].pdf(origin.point, direction, hit);
+        let pdf = self.scene.lights[light].pdf(origin.point, origin.receiver, direction, hit);
         let lights = self.partition.shadow_lights();
         if self.scene.lights[light].is_distant() || lights.len() <= origin.sampling.lights_per_point {
             return pdf;

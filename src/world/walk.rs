@@ -29,6 +29,8 @@ pub struct RayCounts {
     pub transmitted: u64,
     /// Chains cut by the depth limit.
     pub truncated: u64,
+    /// Rays of particles from lamps.
+    pub particle: u64,
     /// Weight of what the depth limit cut from camera paths, in units of 2^-32: an integer, so that its sum has no order.
     pub truncated_weight: u64,
 }
@@ -42,6 +44,7 @@ impl std::ops::AddAssign for RayCounts {
         self.reflected += o.reflected;
         self.transmitted += o.transmitted;
         self.truncated += o.truncated;
+        self.particle += o.particle;
         self.truncated_weight += o.truncated_weight;
     }
 }
@@ -74,6 +77,8 @@ pub enum Event<'a> {
         through: u32,
         /// Share of its emission that this ray counts; shadow rays count the rest.
         emission_share: f64,
+        /// True if ideal lobes alone led here, and not straight on.
+        by_ideal_lobes: bool,
     },
     /// Light of lamps and surroundings that a glossy surface sends back along the ray.
     Lit {
@@ -109,6 +114,10 @@ struct Step {
     power: f64,
     sight: Sight,
     transmits: bool,
+    /// By a glossy lobe.
+    glossy: bool,
+    /// Not straight on.
+    bends: bool,
 }
 
 impl World {
@@ -130,6 +139,7 @@ impl World {
         // The same without the n² scaling, which a path gets back when it leaves the glass.
         let mut survival = 1.0;
         let mut through = 0;
+        let (mut bent, mut glossy) = (false, false);
         loop {
             let Some(si) = self.intersect(&ray) else {
                 let share = self.escape_share(&sight, ray.direction);
@@ -138,13 +148,16 @@ impl World {
             };
             let shading = self.shading(&si);
             let emission_share = self.emission_share(&sight, ray.direction, &si);
-            visit(Event::Surface { at: &si, shading: &shading, throughput, through, emission_share });
+            let by_ideal_lobes = bent && !glossy;
+            visit(Event::Surface { at: &si, shading: &shading, throughput, through, emission_share, by_ideal_lobes });
             let ends = through + 1 >= max_events.min(LONGEST);
             let lit = |radiance: Rgb| visit(Event::Lit { radiance: throughput * radiance, through });
             let Some(step) = self.step(&si, &shading, &sight, sampler, counts, lit) else { return };
             throughput *= step.weight;
             survival *= step.power;
             through += 1;
+            bent |= step.bends;
+            glossy |= step.glossy;
             if ends {
                 counts.truncated += 1;
                 visit(Event::Truncated { throughput });
@@ -213,15 +226,24 @@ impl World {
             let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling: Shading::IN_PASSING };
             let transmits = sample.direction.dot(si.ng) < 0.0;
             let power = weight.mean().min(1.0 / glossy_probability);
-            return Some(Step { direction: sample.direction, weight, power, sight: Sight::Glossy(origin), transmits });
+            return Some(Step {
+                direction: sample.direction,
+                weight,
+                power,
+                sight: Sight::Glossy(origin),
+                transmits,
+                glossy: true,
+                bends: true,
+            });
         }
         let u = ((u - glossy_probability) / (go_on - glossy_probability)) as f32;
         let (lobe, probability): (Lobe, f64) = lobes.choose(u)?;
         let probability = probability * (go_on - glossy_probability);
         // Straight on, the ray still looks where it was sent.
-        let sight = if shading.is_straight(&lobe) { *sight } else { Sight::Alone };
+        let bends = !shading.is_straight(&lobe);
+        let sight = if bends { Sight::Alone } else { *sight };
         let direction = shading.direction(&lobe)?;
         let (weight, power) = (lobe.weight / probability, lobe.power / probability);
-        Some(Step { direction, weight, power, sight, transmits: lobe.transmits })
+        Some(Step { direction, weight, power, sight, transmits: lobe.transmits, glossy: false, bends })
     }
 }

@@ -1,5 +1,6 @@
 //! Lights without a scene around them: closed forms, densities that integrate to one, samples that follow their density.
 
+use crate::support::{assert_chi2, close};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use twopass::geometry::Mesh;
@@ -7,13 +8,6 @@ use twopass::light::{AreaLight, DirectionalLight, Emitter, Environment, Light, L
 use twopass::material::Texture;
 use twopass::material::texture::{Bitmap, Filter, Wrap};
 use twopass::math::{DMat3, DVec2, DVec3, Rgb, Sampler, Vec2, Vec3};
-
-/// Probability below which a chi² test fails: a correct sampler fails once in ten thousand seeds, and the seeds are fixed.
-const SIGNIFICANCE: f64 = 1e-4;
-
-fn close(what: &str, got: f64, want: f64, relative: f64) {
-    assert!((got / want - 1.0).abs() <= relative, "{what}: {got}, expected {want} within {relative}");
-}
 
 /// A direction by polar angle from +y and azimuth from -z towards +x, the axes of a map.
 fn towards(theta: f64, phi: f64) -> DVec3 {
@@ -45,34 +39,6 @@ fn uneven_map(width: usize, height: usize, to_scene: DMat3) -> Environment {
 fn rotations() -> [DMat3; 3] {
     let turned = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1);
     [DMat3::IDENTITY, turned, turned * DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0))]
-}
-
-/// The value that chi² with `degrees` of freedom exceeds with probability [`SIGNIFICANCE`], by Wilson and Hilferty's (1931) cube
-/// root; 3.719 is the normal quantile.
-fn chi2_limit(degrees: usize) -> f64 {
-    assert_eq!(SIGNIFICANCE, 1e-4);
-    let k = degrees as f64;
-    k * (1.0 - 2.0 / (9.0 * k) + 3.719 * (2.0 / (9.0 * k)).sqrt()).powi(3)
-}
-
-/// Pearson's test of counts against expectations; cells that expect less than five are pooled.
-fn assert_chi2(what: &str, counts: &[u64], expected: &[f64]) {
-    let (mut chi2, mut cells, mut pooled) = (0.0, 0, (0.0, 0.0));
-    for (&count, &e) in counts.iter().zip(expected) {
-        if e < 5.0 {
-            pooled = (pooled.0 + count as f64, pooled.1 + e);
-        } else {
-            chi2 += (count as f64 - e).powi(2) / e;
-            cells += 1;
-        }
-    }
-    if pooled.1 >= 5.0 {
-        chi2 += (pooled.0 - pooled.1).powi(2) / pooled.1;
-        cells += 1;
-    } else {
-        assert!(pooled.0 <= pooled.1 + 6.0 * pooled.1.sqrt() + 6.0, "{what}: {} in cells that expect {}", pooled.0, pooled.1);
-    }
-    assert!(cells > 1 && chi2 < chi2_limit(cells - 1), "{what}: chi² {chi2} over {cells} cells, limit {}", chi2_limit(cells - 1));
 }
 
 /// Up is +y; the middle column of the image looks at +z, the seam at -z; columns grow towards -x from there.
@@ -152,7 +118,7 @@ fn directions_to_an_environment_map_follow_its_density() {
 
 fn irradiance(light: &Light, point: Vec3, n: Vec3, samples: u64) -> Rgb {
     let one = |i: u64| {
-        let sample = light.sample(point, Sampler::new(3, 1, i).next_2d())?;
+        let sample = light.sample(point, Some(n), Sampler::new(3, 1, i).next_2d())?;
         Some(sample.irradiance * f64::from(sample.direction.dot(n)).max(0.0))
     };
     (0..samples).filter_map(one).sum::<Rgb>() / samples as f64
@@ -205,7 +171,7 @@ fn a_spot_has_its_closed_forms() {
     for (degrees, share) in [(0.0_f64, 1.0), (24.9, 1.0), (31.0, 0.6), (38.5, 0.1), (40.1, 0.0), (89.0, 0.0)] {
         let a = degrees.to_radians();
         let point = Vec3::new((2.0 * a.tan()) as f32, 0.0, 0.0);
-        let got = Light::Spot(light).sample(point, Vec2::ZERO).map_or(0.0, |s| s.irradiance.g * f64::from(s.direction.z));
+        let got = Light::Spot(light).sample(point, None, Vec2::ZERO).map_or(0.0, |s| s.irradiance.g * f64::from(s.direction.z));
         // I share cos³/h² on the plane at height h below.
         let want = 8.0 * share * a.cos().powi(3) / 4.0;
         assert!((got - want).abs() < 1e-5, "{degrees} degrees: {got}, expected {want}");
@@ -228,10 +194,10 @@ fn a_sun_follows_the_cosine_law_alone() {
     let direction = Vec3::new(1.0, -2.0, 0.5).normalize();
     let light = Light::Directional(DirectionalLight { direction, irradiance: Rgb::new(1.0, 2.0, 3.0) });
     for point in [Vec3::ZERO, Vec3::splat(1e4)] {
-        let sample = light.sample(point, Vec2::ZERO).expect("everywhere");
+        let sample = light.sample(point, None, Vec2::ZERO).expect("everywhere");
         assert!(sample.target.is_none() && sample.pdf.is_infinite());
         assert_eq!((sample.direction, sample.irradiance), (-direction, Rgb::new(1.0, 2.0, 3.0)));
-        assert_eq!(light.pdf(point, sample.direction, None), 0.0);
+        assert_eq!(light.pdf(point, None, sample.direction, None), 0.0);
     }
     let cos = 2.0 / 5.25_f64.sqrt();
     close("luminance on the floor", light.importance(Vec3::ZERO, Vec3::Y), Rgb::new(1.0, 2.0, 3.0).luminance() * cos, 1e-6);
@@ -301,8 +267,8 @@ fn the_density_of_a_textured_emitter_is_that_of_its_samples() {
     };
     let mut near_borders = 0;
     for i in 0..4096 {
-        let sample = light.sample(point, Sampler::new(3, 2, i).next_2d()).expect("seen from the front");
-        let pdf = light.pdf(point, sample.direction, Some(&hit_at(sample.direction)));
+        let sample = light.sample(point, None, Sampler::new(3, 2, i).next_2d()).expect("seen from the front");
+        let pdf = light.pdf(point, None, sample.direction, Some(&hit_at(sample.direction)));
         // Rounding can move a sample across the border of two cells.
         near_borders += u32::from((pdf / sample.pdf - 1.0).abs() > 1e-4);
     }
@@ -314,11 +280,11 @@ fn the_density_of_a_textured_emitter_is_that_of_its_samples() {
         let to_light = DVec3::new(at(k % n), at(k / n), 0.0) - point.as_dvec3();
         let (d2, direction) = (to_light.length_squared(), to_light.normalize());
         let hit = hit_at(direction.as_vec3());
-        integral += light.pdf(point, direction.as_vec3(), Some(&hit)) * -direction.z / d2 * 4.0 / (n * n) as f64;
+        integral += light.pdf(point, None, direction.as_vec3(), Some(&hit)) * -direction.z / d2 * 4.0 / (n * n) as f64;
     }
     close("integral of the density", integral, 1.0, 1e-3);
-    assert_eq!(light.pdf(Vec3::new(0.0, 0.0, -1.0), Vec3::Z, Some(&hit_at(Vec3::Z))), 0.0, "the back");
-    assert_eq!(light.pdf(point, Vec3::Z, None), 0.0, "a ray that leaves the scene");
+    assert_eq!(light.pdf(Vec3::new(0.0, 0.0, -1.0), None, Vec3::Z, Some(&hit_at(Vec3::Z))), 0.0, "the back");
+    assert_eq!(light.pdf(point, None, Vec3::Z, None), 0.0, "a ray that leaves the scene");
 }
 
 /// From outside a sphere its density is that of the cone it fills.
@@ -328,8 +294,8 @@ fn the_density_of_a_spherical_lamp_is_that_of_its_cone() {
     let light = Light::Area(AreaLight::new(0, Texture::Constant(Rgb::WHITE), Emitter::Sphere(sphere)));
     let hit = LightHit { position: Vec3::new(0.0, 0.0, 2.0), normal: Vec3::NEG_Z, primitive: 0, uv: Vec2::ZERO };
     let want = 1.0 / (TAU * (1.0 - (8.0_f64 / 9.0).sqrt()));
-    close("density", light.pdf(Vec3::ZERO, Vec3::Z, Some(&hit)), want, 1e-6);
-    let sample = light.sample(Vec3::ZERO, Vec2::splat(0.3)).expect("outside");
+    close("density", light.pdf(Vec3::ZERO, None, Vec3::Z, Some(&hit)), want, 1e-6);
+    let sample = light.sample(Vec3::ZERO, None, Vec2::splat(0.3)).expect("outside");
     close("density of a sample", sample.pdf, want, 1e-6);
     close("power", light.power().g, PI * 4.0 * PI, 1e-12);
 }

@@ -150,7 +150,7 @@ fn points_spots_and_suns_are_read() {
     let rest = r#""materials":[{}],"extensions":{"KHR_lights_punctual":{"lights":[
         {"type":"point","color":[1,0.5,0.25],"intensity":8},{"type":"directional","intensity":2},{"type":"spot","intensity":3,"spot":{"innerConeAngle":0.1,"outerConeAngle":0.2}}]}}"#;
     let scene = load(&file("a%20b.bin", nodes, rest)).unwrap_or_else(|e| panic!("{e}")).scene;
-    let at = |light: usize| scene.lights[light].sample((DVec3::ZERO - scene.origin).as_vec3(), Vec2::ZERO).expect("lit");
+    let at = |light: usize| scene.lights[light].sample((DVec3::ZERO - scene.origin).as_vec3(), None, Vec2::ZERO).expect("lit");
     // By the inverse square of the distance, and along -z for the others.
     for (channel, want) in [0.5, 0.25, 0.125].into_iter().enumerate() {
         assert!((at(0).irradiance[channel] - want).abs() < 1e-6, "{:?}", at(0).irradiance);

@@ -16,6 +16,7 @@ mod experiment;
 mod furnace;
 mod glossy;
 mod invariance;
+mod lamps;
 mod light;
 mod loading;
 mod loading_gltf;

@@ -115,3 +115,39 @@ pub fn quick(spp: u32, patch_size: f64) -> RenderSettings {
 pub fn run(scene: Scene, settings: &RenderSettings) -> Rendered {
     render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {}).expect("renders")
 }
+
+/// Probability below which a chi² test fails: a correct sampler fails once in ten thousand seeds, and the seeds are fixed.
+const SIGNIFICANCE: f64 = 1e-4;
+
+/// Fails unless `got` is `want` within a relative tolerance.
+pub fn close(what: &str, got: f64, want: f64, relative: f64) {
+    assert!((got / want - 1.0).abs() <= relative, "{what}: {got}, expected {want} within {relative}");
+}
+
+/// The value that chi² with `degrees` of freedom exceeds with probability [`SIGNIFICANCE`], by Wilson and Hilferty's (1931) cube
+/// root; 3.719 is the normal quantile.
+fn chi2_limit(degrees: usize) -> f64 {
+    assert_eq!(SIGNIFICANCE, 1e-4);
+    let k = degrees as f64;
+    k * (1.0 - 2.0 / (9.0 * k) + 3.719 * (2.0 / (9.0 * k)).sqrt()).powi(3)
+}
+
+/// Pearson's test of counts against expectations; cells that expect less than five are pooled.
+pub fn assert_chi2(what: &str, counts: &[u64], expected: &[f64]) {
+    let (mut chi2, mut cells, mut pooled) = (0.0, 0, (0.0, 0.0));
+    for (&count, &e) in counts.iter().zip(expected) {
+        if e < 5.0 {
+            pooled = (pooled.0 + count as f64, pooled.1 + e);
+        } else {
+            chi2 += (count as f64 - e).powi(2) / e;
+            cells += 1;
+        }
+    }
+    if pooled.1 >= 5.0 {
+        chi2 += (pooled.0 - pooled.1).powi(2) / pooled.1;
+        cells += 1;
+    } else {
+        assert!(pooled.0 <= pooled.1 + 6.0 * pooled.1.sqrt() + 6.0, "{what}: {} in cells that expect {}", pooled.0, pooled.1);
+    }
+    assert!(cells > 1 && chi2 < chi2_limit(cells - 1), "{what}: chi² {chi2} over {cells} cells, limit {}", chi2_limit(cells - 1));
+}

@@ -7,7 +7,7 @@
 
 mod fill;
 mod gather;
-mod grid;
+pub(super) mod grid;
 
 pub use fill::FillSettings;
 pub(super) use fill::Gap;
