@@ -96,9 +96,8 @@ pub enum Command {
     /// Not delivered yet
     #[command(hide = true, disable_help_flag = true)]
     Experiment(Rest),
-    /// Not delivered yet
-    #[command(hide = true, disable_help_flag = true)]
-    Stability(Rest),
+    /// Stiff and extreme cases with known answers: do the laws hold on this machine?
+    Stability(StabilityArgs),
     /// Not delivered yet
     #[command(hide = true, disable_help_flag = true)]
     Serve(Rest),
@@ -307,6 +306,14 @@ pub struct CompareArgs {
     pub emitters: Option<PathBuf>,
 }
 
+/// `twopass stability`.
+#[derive(Debug, clap::Args)]
+pub struct StabilityArgs {
+    /// Write stability.csv and a page, index.html, into this folder
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+}
+
 /// The form-factor methods and solvers that the command line promises and that are not there yet.
 const LATER_FORM_FACTORS: [&str; 3] = ["analytic", "hemicube", "hierarchical"];
 const LATER_SOLVERS: [&str; 5] = ["jacobi", "southwell", "cg", "gmres", "bicgstab"];
@@ -323,10 +330,9 @@ impl Args {
                     first_given(&given).or_else(|| args.pass_one.not_delivered())
                 }
                 Command::Probe(args) => args.pass_one.not_delivered(),
-                Command::Info(_) | Command::Compare(_) => None,
+                Command::Info(_) | Command::Compare(_) | Command::Stability(_) => None,
                 Command::FormFactors(_) => Some(later("the subcommand form-factors")),
                 Command::Experiment(_) => Some(later("the subcommand experiment")),
-                Command::Stability(_) => Some(later("the subcommand stability")),
                 Command::Serve(_) => Some(later("the subcommand serve")),
             }
         })

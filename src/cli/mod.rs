@@ -54,7 +54,8 @@ fn run(args: &Args) -> Result<(), Failure> {
         Command::Info(args) => commands::info::run(common, args),
         Command::Probe(args) => commands::probe::run(common, args),
         Command::Compare(args) => commands::compare::run(common, args),
-        Command::FormFactors(_) | Command::Experiment(_) | Command::Stability(_) | Command::Serve(_) => {
+        Command::Stability(args) => commands::stability::run(common, args),
+        Command::FormFactors(_) | Command::Experiment(_) | Command::Serve(_) => {
             unreachable!("refused before")
         }
     }
