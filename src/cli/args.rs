@@ -431,7 +431,6 @@ mod tests {
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
             ("twopass experiment plan.toml -o dir", "experiment"),
-            ("twopass stability", "stability"),
             ("twopass form-factors a.xml --by patch", "form-factors"),
         ] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));

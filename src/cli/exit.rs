@@ -91,7 +91,7 @@ impl From<LoadError> for Failure {
 impl Failure {
     /// Nothing was asked for.
     pub fn no_command() -> Self {
-        Failure::Usage("expected a subcommand: render, solve, info, probe or compare (see --help)".to_owned())
+        Failure::Usage("expected a subcommand: render, solve, info, probe, compare or stability (see --help)".to_owned())
     }
 
     /// The program's exit code.

@@ -152,7 +152,8 @@ impl SurfaceSource {
 }
 
 impl Scene {
-    /// Checks, drops triangles without area and copies of others (with a warning that counts them), and recentres in f64.
+    /// Checks, drops triangles without area and copies of others, also as whole shapes (with warnings that count them), and recentres in
+    /// f64.
     ///
     /// # Errors
     /// [`SceneError`] for numbers that are not finite, indices out of range and spheres without a radius.
@@ -166,12 +167,17 @@ impl Scene {
         let mut camera = source.camera;
         camera.to_scene.translation -= origin;
         let mut dropped_triangles = 0;
-        let is_opaque = |s: &ShapeSource| !source.materials[s.material.0 as usize].material.is_transmissive();
+        let materials = source.materials;
+        let is_opaque = |material: MaterialId| !materials[material.0 as usize].material.is_transmissive();
         let placed = source.shapes.into_iter().map(|s| {
-            let is_opaque = is_opaque(&s);
+            let is_opaque = is_opaque(s.material);
             place(s, is_opaque, origin, &mut dropped_triangles, &mut warnings)
         });
-        let shapes: Vec<Shape> = placed.collect();
+        let mut shapes: Vec<Shape> = placed.collect();
+        let is_dark = |s: &Shape| is_opaque(s.material) && !s.emits();
+        drop_repeated(&mut shapes, is_dark, &mut dropped_triangles, &mut warnings);
+        let is_one_sided = |s: &Shape| is_opaque(s.material) && !materials[s.material.0 as usize].two_sided;
+        warnings.extend(shapes.iter().filter(|s| is_one_sided(s)).filter_map(mixed_sides));
 
         let area_lights = shapes.iter().enumerate().filter(|(_, s)| s.emits()).filter_map(|(i, s)| {
             let emitter = match &s.surface {
@@ -193,13 +199,42 @@ impl Scene {
             camera,
             film: source.film,
             shapes,
-            materials: source.materials,
+            materials,
             lights,
             environment,
             dropped_triangles,
             warnings,
         })
     }
+}
+
+/// Takes the triangles from opaque shapes that lie exactly where an earlier one lies: rays see the first, but pass one would count the
+/// area of each. Lamps are left as they are.
+fn drop_repeated(shapes: &mut [Shape], is_dark: impl Fn(&Shape) -> bool, dropped: &mut usize, warnings: &mut Vec<String>) {
+    let meshes = shapes.iter().map(|s| match &s.surface {
+        ShapeSurface::Mesh(mesh) => is_dark(s).then_some(mesh),
+        ShapeSurface::Sphere(_) => None,
+    });
+    for (index, first) in repair::repeated(meshes).into_iter().enumerate() {
+        let Some(first) = first else { continue };
+        warnings.push(format!("shape \"{}\" repeats shape \"{}\" and was dropped", shapes[index].id, shapes[first].id));
+        if let ShapeSurface::Mesh(mesh) = &mut shapes[index].surface {
+            *dropped += mesh.triangles.len();
+            mesh.triangles.clear();
+        }
+    }
+}
+
+/// What to tell of a one-sided shape whose triangles do not all have the same side up. Vertex normals would say which side is meant.
+fn mixed_sides(shape: &Shape) -> Option<String> {
+    let ShapeSurface::Mesh(mesh) = &shape.surface else { return None };
+    let turned = if mesh.normals.is_empty() { repair::turned_edges(&mesh.triangles) } else { 0 };
+    (turned > 0).then(|| {
+        format!(
+            "shape \"{}\": neighbours turn different sides up at {turned} edges; its material is black from behind (two-sided ones are not)",
+            shape.id
+        )
+    })
 }
 
 fn is_near(p: &DVec3) -> bool {

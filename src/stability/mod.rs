@@ -78,6 +78,11 @@ pub fn run_some(ids: &[&str], seen: &mut dyn FnMut(&Row)) -> Vec<Row> {
     run_cases(&chosen, seen)
 }
 
+/// Numbers of all cases in the catalogue, in order.
+pub fn ids() -> Vec<&'static str> {
+    cases::ALL.iter().map(|case| case.0).collect()
+}
+
 /// True if no row fails.
 pub fn all_hold(rows: &[Row]) -> bool {
     rows.iter().all(|row| row.verdict != Verdict::Fails)
@@ -171,4 +176,32 @@ impl Rows<'_> {
 /// A figure for tables.
 fn figure(value: f64) -> String {
     if value == 0.0 || (1e-3..1e6).contains(&value.abs()) { format!("{value:.7}") } else { format!("{value:.4e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdicts(case: fn(&mut Rows<'_>) -> Result<(), Trouble>) -> Vec<Verdict> {
+        run_cases(&[("B0", case)], &mut |_| {}).iter().map(|row| row.verdict).collect()
+    }
+
+    #[test]
+    fn only_what_is_within_its_bound_holds() {
+        let verdicts = verdicts(|rows| {
+            rows.value("within", "", 2.0, 2.0 + 1e-7, 1e-6);
+            rows.value("beyond", "", 2.0, 2.1, 1e-6);
+            rows.value("no number", "", 2.0, f64::NAN, 1e-6);
+            rows.value("exactly 0", "", 0.0, 1e-300, 0.0);
+            rows.not_covered("later", "", "why");
+            Ok(())
+        });
+        assert_eq!(verdicts, [Verdict::Holds, Verdict::Fails, Verdict::Fails, Verdict::Fails, Verdict::NotCovered]);
+    }
+
+    #[test]
+    fn a_case_that_ends_with_an_error_or_a_panic_fails_and_the_rest_goes_on() {
+        assert_eq!(verdicts(|_| Err("trouble".into())), [Verdict::Fails]);
+        assert_eq!(verdicts(|_| std::panic::panic_any("a seeded fault")), [Verdict::Fails]);
+    }
 }

@@ -189,7 +189,6 @@ fn wrong_usage_exits_with_2() {
         "solve room.xml -o room.sol",
         "form-factors room.xml",
         "experiment plan.toml -o dir",
-        "stability",
         "serve room.xml",
     ] {
         let (_, err) = place.expect(2, line);

@@ -24,4 +24,6 @@ mod material_laws;
 mod metrics;
 mod patches;
 mod specular;
+mod stability;
+mod stability_physical;
 mod support;

@@ -227,7 +227,7 @@ pub fn tiny_emitter(rows: &mut Rows<'_>) -> Result<(), Trouble> {
 fn block_room(rho: f64) -> Room {
     let mut room = furnace(rho);
     let grey = room.grey(rho);
-    let block = DAffine3::from_translation(DVec3::new(0.1, -0.6, 0.2)) * DAffine3::from_scale(DVec3::splat(0.4));
+    let block = DAffine3::from_translation(DVec3::new(0.1, -0.45, 0.2)) * DAffine3::from_scale(DVec3::splat(0.4));
     room.add(SurfaceSource::Triangles(tessellate::cube(&block)), grey, 0.0);
     room
 }
