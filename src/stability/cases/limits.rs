@@ -113,13 +113,13 @@ pub fn refinement(rows: &mut Rows<'_>) -> Result<(), Trouble> {
     let side = 2.0;
     let ceiling = [(0.0, 0.0), (side, 0.0), (side, side), (0.0, side)].map(|(x, z)| DVec3::new(x, 1.0, z));
     let mut points = Vec::new();
-    for size in [0.5, 0.25, 0.125, 0.0625] {
+    for size in [0.5, 0.25, 0.125] {
         let mut room = Room::new(DVec3::new(1.0, 0.5, 1.0), DVec3::new(1.0, 0.0, 1.1), 4);
         let black = room.grey(0.0);
         room.quad(DVec3::ZERO, DVec3::Z * side, DVec3::X * side, black, 0.0);
         room.quad(DVec3::Y, DVec3::X * side, DVec3::Z * side, black, 1.0);
         let mut settings = quick(1, size);
-        settings.pass_one.form_factor_tolerance = 0.002;
+        settings.pass_one.form_factor_tolerance = 0.004;
         let solved = solve_gathered(room.scene()?, &settings)?;
         let (field, world) = (&solved.pass_one.field, &solved.world);
         let mut sum = 0.0;
@@ -136,8 +136,7 @@ pub fn refinement(rows: &mut Rows<'_>) -> Result<(), Trouble> {
     }
     let order = (points[0].1 / points[2].1).log2() / 2.0;
     let told = points.iter().map(|(_, e)| figure(*e)).collect::<Vec<String>>().join(", ");
-    let law = "L2 error of the irradiance over patches of 1/2, 1/4, 1/8, 1/16: observed order from 1/2 to 1/8 at least 0.95";
-    // Rays leave an error of their own, which ends the fall at some 0.2 %.
+    let law = "L2 error of the irradiance over patches of 1/2, 1/4, 1/8: observed order at least 0.95";
     let curve = Curve { axis: "patches per unit length", points };
     rows.error("floor under a glowing ceiling", law, "order 1", told, 1.0 - order, 0.05, Some(curve));
     Ok(())
