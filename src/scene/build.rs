@@ -152,8 +152,7 @@ impl SurfaceSource {
 }
 
 impl Scene {
-    /// Checks, drops triangles without area and copies of others, also as whole shapes (with warnings that count them), and recentres in
-    /// f64.
+    /// Checks, drops triangles without area and copies of others (with a warning that counts them), and recentres in f64.
     ///
     /// # Errors
     /// [`SceneError`] for numbers that are not finite, indices out of range and spheres without a radius.
@@ -173,9 +172,7 @@ impl Scene {
             let is_opaque = is_opaque(s.material);
             place(s, is_opaque, origin, &mut dropped_triangles, &mut warnings)
         });
-        let mut shapes: Vec<Shape> = placed.collect();
-        let is_dark = |s: &Shape| is_opaque(s.material) && !s.emits();
-        drop_repeated(&mut shapes, is_dark, &mut dropped_triangles, &mut warnings);
+        let shapes: Vec<Shape> = placed.collect();
         let is_one_sided = |s: &Shape| is_opaque(s.material) && !materials[s.material.0 as usize].two_sided;
         warnings.extend(shapes.iter().filter(|s| is_one_sided(s)).filter_map(mixed_sides));
 
@@ -205,23 +202,6 @@ impl Scene {
             dropped_triangles,
             warnings,
         })
-    }
-}
-
-/// Takes the triangles from opaque shapes that lie exactly where an earlier one lies: rays see the first, but pass one would count the
-/// area of each. Lamps are left as they are.
-fn drop_repeated(shapes: &mut [Shape], is_dark: impl Fn(&Shape) -> bool, dropped: &mut usize, warnings: &mut Vec<String>) {
-    let meshes = shapes.iter().map(|s| match &s.surface {
-        ShapeSurface::Mesh(mesh) => is_dark(s).then_some(mesh),
-        ShapeSurface::Sphere(_) => None,
-    });
-    for (index, first) in repair::repeated(meshes).into_iter().enumerate() {
-        let Some(first) = first else { continue };
-        warnings.push(format!("shape \"{}\" repeats shape \"{}\" and was dropped", shapes[index].id, shapes[first].id));
-        if let ShapeSurface::Mesh(mesh) = &mut shapes[index].surface {
-            *dropped += mesh.triangles.len();
-            mesh.triangles.clear();
-        }
     }
 }
 

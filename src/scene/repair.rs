@@ -1,8 +1,8 @@
 //! Triangles that meshes of the real world hold and no renderer needs.
 
-use crate::geometry::{Mesh, triangle};
+use crate::geometry::triangle;
 use crate::math::{DVec3, Vec3};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
 /// Drops triangles without area; how many there were.
 pub(super) fn drop_without_area(triangles: &mut Vec<[u32; 3]>, positions: &[Vec3]) -> usize {
@@ -35,24 +35,6 @@ pub(super) fn turned_edges(triangles: &[[u32; 3]]) -> usize {
     edges.windows(2).filter(|pair| pair[0] == pair[1]).count()
 }
 
-/// For every mesh that has the triangles of an earlier one, in the same order, the index of that one.
-pub(super) fn repeated<'a>(meshes: impl Iterator<Item = Option<&'a Mesh>>) -> Vec<Option<usize>> {
-    // Most meshes differ in number of triangles or in the first of them already.
-    let mut seen: HashMap<(usize, [[u32; 3]; 3]), Vec<(usize, &Mesh)>> = HashMap::new();
-    let corners = |mesh: &Mesh, t: usize| mesh.corners(t).map(|p| (p + Vec3::ZERO).to_array().map(f32::to_bits));
-    let find = |(index, mesh): (usize, Option<&'a Mesh>)| {
-        let mesh = mesh.filter(|m| !m.triangles.is_empty())?;
-        let alike = seen.entry((mesh.triangles.len(), corners(mesh, 0))).or_default();
-        let is_same = |other: &Mesh| (0..mesh.triangles.len()).all(|t| corners(mesh, t) == corners(other, t));
-        let first = alike.iter().find(|(_, other)| is_same(other)).map(|(first, _)| *first);
-        if first.is_none() {
-            alike.push((index, mesh));
-        }
-        first
-    };
-    meshes.enumerate().map(find).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -70,17 +52,5 @@ mod tests {
     fn a_triangle_turned_over_shows_at_its_edges() {
         assert_eq!(turned_edges(&[[0, 1, 2], [0, 2, 3]]), 0);
         assert_eq!(turned_edges(&[[0, 1, 2], [0, 3, 2]]), 1);
-    }
-
-    #[test]
-    fn the_second_of_two_equal_meshes_is_known() {
-        let mesh = |x: f32| Mesh {
-            positions: vec![Vec3::ZERO, Vec3::new(x, 0.0, 0.0), Vec3::Y, Vec3::Z],
-            normals: Vec::new(),
-            uvs: Vec::new(),
-            triangles: vec![[0, 1, 2], [0, 2, 3]],
-        };
-        let meshes = [mesh(1.0), mesh(2.0), mesh(1.0)];
-        assert_eq!(repeated(meshes.iter().map(Some).chain([None])), [None, None, Some(0), None]);
     }
 }

@@ -71,10 +71,10 @@ pub fn html(rows: &[Row], version: &str) -> String {
         };
         let plot = row.curve.as_ref().map(|c| plot(c.axis, &c.points, row.bound)).unwrap_or_default();
         // Writing to a String cannot fail.
-        let _ = write!(
+        let _ = writeln!(
             body,
             "<tr class=\"{class}\"><td>{}</td><td class=\"verdict\">{}</td><td><b>{}</b><br>{}</td><td>{}</td><td>{}</td>\
-             <td class=\"number\">{error}</td><td>{plot}</td></tr>\n",
+             <td class=\"number\">{error}</td><td>{plot}</td></tr>",
             row.id,
             row.verdict.word(),
             escaped(&row.name),

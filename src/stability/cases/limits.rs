@@ -86,7 +86,7 @@ fn rays_that_are_none(rows: &mut Rows<'_>) -> Result<(), Trouble> {
     let good = |k: u64| Ray::new(Vec3::new(0.1, 0.0, -0.5), direction(k));
     let spoilt = |k: u64| {
         let mut ray = good(k);
-        let value = if k % 2 == 0 { f32::NAN } else { f32::INFINITY };
+        let value = if k.is_multiple_of(2) { f32::NAN } else { f32::INFINITY };
         match k % 6 / 2 {
             0 => ray.origin.x = value,
             1 => ray.direction.y = value,

@@ -207,7 +207,7 @@ fn watertight(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         let side = (pick.y * 3.0) as usize % 3;
         let [a, b] = [t[side], t[(side + 1) % 3]].map(|i| ball.positions[i as usize].as_vec3());
         // A quarter of them aim at corners.
-        let share = if k % 4 == 0 { 0.0 } else { share };
+        let share = if k.is_multiple_of(4) { 0.0 } else { share };
         accel.intersect(&Ray::new(origin, a + (b - a) * share - origin)).is_none()
     };
     let misses = (0..RAYS).filter(|&k| missed(k)).count();
