@@ -99,8 +99,9 @@ const STYLE: &str = ":root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--
     --open:#9a6700;--line:#2563c9}@media(prefers-color-scheme:dark){:root{--ink:#e6e9ed;--paper:#14171b;--rule:#343a42;--soft:#9aa4b0;\
     --good:#4ac26b;--bad:#ff7b72;--open:#d8a53a;--line:#79aaff}}body{font:14px/1.45 system-ui,sans-serif;color:var(--ink);\
     background:var(--paper);margin:2rem auto;max-width:82rem;padding:0 1rem}table{border-collapse:collapse;width:100%}\
-    th,td{text-align:left;vertical-align:top;padding:.45rem .6rem;border-bottom:1px solid var(--rule);overflow-wrap:anywhere}\
-    th{position:sticky;top:0;background:var(--paper)}td:nth-child(3){min-width:16rem}td span,.tick{color:var(--soft)}\
+    th,td{text-align:left;vertical-align:top;padding:.45rem .6rem;border-bottom:1px solid var(--rule);overflow-wrap:break-word}\
+    th{position:sticky;top:0;background:var(--paper)}td:first-child{white-space:nowrap}td:nth-child(3){min-width:16rem}td:nth-child(4){min-width:7rem}\
+    td:nth-child(5){max-width:24rem}td span,.tick{color:var(--soft)}\
     .verdict,.number{white-space:nowrap;font-variant-numeric:tabular-nums}.holds .verdict{color:var(--good)}\
     .fails .verdict{color:var(--bad);font-weight:700}.open .verdict{color:var(--open)}svg{display:block}svg text{font-size:10px;\
     fill:var(--soft)}@media print{th{position:static}tr{break-inside:avoid}}";
@@ -113,7 +114,8 @@ fn escaped(text: &str) -> String {
 fn plot(axis: &str, points: &[(f64, f64)], bound: Option<f64>) -> String {
     let range = |values: &mut dyn Iterator<Item = f64>| {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v.log10()), b.max(v.log10())));
-        (low.floor(), high.ceil().max(low.floor() + 1.0))
+        // Adding 0 makes -0 a 0.
+        (low.floor() + 0.0, high.ceil().max(low.floor() + 1.0) + 0.0)
     };
     let x = range(&mut points.iter().map(|p| p.0));
     let y = range(&mut points.iter().map(|p| p.1).chain(bound.filter(|b| *b > 0.0)));
