@@ -34,4 +34,5 @@ pub mod progress;
 pub mod radiosity;
 pub mod run_report;
 pub mod scene;
+pub mod stability;
 pub mod world;

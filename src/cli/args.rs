@@ -96,9 +96,8 @@ pub enum Command {
     FormFactors(Rest),
     /// Error against run time: scenes, methods and budgets of a plan, measured one after another
     Experiment(ExperimentArgs),
-    /// Not delivered yet
-    #[command(hide = true, disable_help_flag = true)]
-    Stability(Rest),
+    /// Stiff and extreme cases with known answers: do the laws hold on this machine?
+    Stability(StabilityArgs),
     /// Not delivered yet
     #[command(hide = true, disable_help_flag = true)]
     Serve(Rest),
@@ -344,6 +343,14 @@ pub struct ExperimentArgs {
     pub methods: Vec<String>,
 }
 
+/// `twopass stability`.
+#[derive(Debug, clap::Args)]
+pub struct StabilityArgs {
+    /// Write stability.csv and a page, index.html, into this folder
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+}
+
 /// The form-factor methods and solvers that the command line promises and that are not there yet.
 const LATER_FORM_FACTORS: [&str; 3] = ["analytic", "hemicube", "hierarchical"];
 const LATER_SOLVERS: [&str; 5] = ["jacobi", "southwell", "cg", "gmres", "bicgstab"];
@@ -360,9 +367,8 @@ impl Args {
                     first_given(&given).or_else(|| args.pass_one.not_delivered())
                 }
                 Command::Probe(args) => args.pass_one.not_delivered(),
-                Command::Info(_) | Command::Compare(_) | Command::Experiment(_) => None,
+                Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
                 Command::FormFactors(_) => Some(later("the subcommand form-factors")),
-                Command::Stability(_) => Some(later("the subcommand stability")),
                 Command::Serve(_) => Some(later("the subcommand serve")),
             }
         })
@@ -460,7 +466,6 @@ mod tests {
             ("twopass solve a.xml -o a.sol", "solve --output"),
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
-            ("twopass stability", "stability"),
             ("twopass form-factors a.xml --by patch", "form-factors"),
         ] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));

@@ -108,7 +108,9 @@ impl From<ExperimentError> for Failure {
 impl Failure {
     /// Nothing was asked for.
     pub fn no_command() -> Self {
-        Failure::Usage("expected a subcommand: render, solve, info, probe, compare or experiment (see --help)".to_owned())
+        Failure::Usage(
+            "expected a subcommand: render, solve, info, probe, compare, experiment or stability (see --help)".to_owned(),
+        )
     }
 
     /// The program's exit code.

@@ -56,7 +56,8 @@ fn run(args: &Args) -> Result<(), Failure> {
         Command::Probe(args) => commands::probe::run(common, args),
         Command::Compare(args) => commands::compare::run(common, args),
         Command::Experiment(args) => commands::experiment::run(common, args),
-        Command::FormFactors(_) | Command::Stability(_) | Command::Serve(_) => {
+        Command::Stability(args) => commands::stability::run(common, args),
+        Command::FormFactors(_) | Command::Serve(_) => {
             unreachable!("refused before")
         }
     }

@@ -86,10 +86,41 @@ impl RadiositySystem<'_> {
         })
     }
 
-    /// Area-weighted mean irradiance, the largest channel.
-    pub fn mean_irradiance(&self, irradiance: &[Rgb]) -> f64 {
-        let weighted: Rgb = irradiance.iter().zip(self.area).map(|(h, a)| *h * *a).sum();
-        let area: f64 = self.area.iter().sum();
+    /// `patches` in sets between which no light passes, each in rising order. Patches that reflect nothing still belong to those that
+    /// light them.
+    pub fn separate(&self, patches: &[usize]) -> Vec<Vec<usize>> {
+        // Every patch points towards the smallest of its set; paths are halved on the way.
+        let mut towards: Vec<usize> = (0..self.len()).collect();
+        fn root(towards: &mut [usize], mut i: usize) -> usize {
+            while towards[i] != i {
+                towards[i] = towards[towards[i]];
+                i = towards[i];
+            }
+            i
+        }
+        for &i in patches {
+            for j in self.seen(i) {
+                let (a, b) = (root(&mut towards, i), root(&mut towards, j));
+                towards[a.max(b)] = a.min(b);
+            }
+        }
+        let mut set_of = vec![usize::MAX; self.len()];
+        let mut sets: Vec<Vec<usize>> = Vec::new();
+        for &i in patches {
+            let first = root(&mut towards, i);
+            if set_of[first] == usize::MAX {
+                set_of[first] = sets.len();
+                sets.push(Vec::new());
+            }
+            sets[set_of[first]].push(i);
+        }
+        sets
+    }
+
+    /// Area-weighted mean irradiance of `patches`, the largest channel.
+    pub fn mean_irradiance(&self, patches: &[usize], irradiance: &[Rgb]) -> f64 {
+        let weighted: Rgb = patches.iter().map(|&i| irradiance[i] * self.area[i]).sum();
+        let area: f64 = patches.iter().map(|&i| self.area[i]).sum();
         if area > 0.0 { weighted.max() / area } else { 0.0 }
     }
 }

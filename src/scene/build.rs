@@ -166,12 +166,15 @@ impl Scene {
         let mut camera = source.camera;
         camera.to_scene.translation -= origin;
         let mut dropped_triangles = 0;
-        let is_opaque = |s: &ShapeSource| !source.materials[s.material.0 as usize].material.is_transmissive();
+        let materials = source.materials;
+        let is_opaque = |material: MaterialId| !materials[material.0 as usize].material.is_transmissive();
         let placed = source.shapes.into_iter().map(|s| {
-            let is_opaque = is_opaque(&s);
+            let is_opaque = is_opaque(s.material);
             place(s, is_opaque, origin, &mut dropped_triangles, &mut warnings)
         });
         let shapes: Vec<Shape> = placed.collect();
+        let is_one_sided = |s: &Shape| is_opaque(s.material) && !materials[s.material.0 as usize].two_sided;
+        warnings.extend(shapes.iter().filter(|s| is_one_sided(s)).filter_map(mixed_sides));
 
         let area_lights = shapes.iter().enumerate().filter(|(_, s)| s.emits()).filter_map(|(i, s)| {
             let emitter = match &s.surface {
@@ -193,13 +196,25 @@ impl Scene {
             camera,
             film: source.film,
             shapes,
-            materials: source.materials,
+            materials,
             lights,
             environment,
             dropped_triangles,
             warnings,
         })
     }
+}
+
+/// What to tell of a one-sided shape whose triangles do not all have the same side up. Vertex normals would say which side is meant.
+fn mixed_sides(shape: &Shape) -> Option<String> {
+    let ShapeSurface::Mesh(mesh) = &shape.surface else { return None };
+    let turned = if mesh.normals.is_empty() { repair::turned_edges(&mesh.triangles) } else { 0 };
+    (turned > 0).then(|| {
+        format!(
+            "shape \"{}\": neighbours turn different sides up at {turned} edges; its material is black from behind (two-sided ones are not)",
+            shape.id
+        )
+    })
 }
 
 fn is_near(p: &DVec3) -> bool {

@@ -28,6 +28,13 @@ pub(super) fn drop_copies(triangles: &mut Vec<[u32; 3]>, positions: &[Vec3]) -> 
     before - triangles.len()
 }
 
+/// Edges that two triangles pass in the same direction. Neighbours with the same side up pass theirs in opposite ones.
+pub(super) fn turned_edges(triangles: &[[u32; 3]]) -> usize {
+    let mut edges: Vec<(u32, u32)> = triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
+    edges.sort_unstable();
+    edges.windows(2).filter(|pair| pair[0] == pair[1]).count()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -39,5 +46,11 @@ mod tests {
         assert_eq!(drop_without_area(&mut triangles, &p), 2);
         assert_eq!(drop_copies(&mut triangles, &p), 2);
         assert_eq!(triangles, [[0, 1, 2], [0, 2, 1]], "one of each side is left");
+    }
+
+    #[test]
+    fn a_triangle_turned_over_shows_at_its_edges() {
+        assert_eq!(turned_edges(&[[0, 1, 2], [0, 2, 3]]), 0);
+        assert_eq!(turned_edges(&[[0, 1, 2], [0, 3, 2]]), 1);
     }
 }

@@ -190,7 +190,6 @@ fn wrong_usage_exits_with_2() {
         "render room.xml --form-factors hemicube",
         "solve room.xml -o room.sol",
         "form-factors room.xml",
-        "stability",
         "serve room.xml",
     ] {
         let (_, err) = place.expect(2, line);

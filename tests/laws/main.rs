@@ -29,4 +29,6 @@ mod metrics;
 mod patches;
 mod path;
 mod specular;
+mod stability;
+mod stability_physical;
 mod support;

@@ -6,6 +6,7 @@ pub mod info;
 pub mod probe;
 pub mod render;
 pub mod solve;
+pub mod stability;
 
 use super::args::{Common, PassOneArgs, PassTwoArgs};
 use super::exit::Failure;

@@ -130,7 +130,7 @@ fn picks_follow_their_probabilities() {
 /// Irradiance from one light by a few samples, without occlusion.
 fn irradiance(light: &Light, point: Vec3, n: Vec3, samples: u64) -> f64 {
     let one = |i: u64| {
-        let s = light.sample(point, Sampler::new(24, 0, i).next_2d())?;
+        let s = light.sample(point, None, Sampler::new(24, 0, i).next_2d())?;
         Some(s.irradiance.g * f64::from(s.direction.dot(n)).max(0.0))
     };
     (0..samples).filter_map(one).sum::<f64>() / samples as f64
