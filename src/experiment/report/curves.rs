@@ -143,7 +143,7 @@ pub fn chart(rows: &[Row], scene: &str, methods: &[String], metric: &Metric, clo
 /// Whole decades if halves are too many, then every second of them and so on.
 fn thin(mut values: Vec<f64>) -> Vec<f64> {
     while values.len() > MAX_COLUMNS {
-        let keep_odd = values.len() % 2 == 0;
+        let keep_odd = values.len().is_multiple_of(2);
         values = values.into_iter().enumerate().filter(|(i, _)| (i % 2 == 1) == keep_odd).map(|(_, v)| v).collect();
     }
     values
