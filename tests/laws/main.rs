@@ -14,6 +14,7 @@ mod emitters;
 mod engines;
 mod experiment;
 mod furnace;
+mod gathering;
 mod glossy;
 mod invariance;
 mod lamps;
