@@ -294,6 +294,20 @@ fn a_scene_changes_budgets_of_one_kind_and_keeps_the_other() {
     assert_eq!((budgets("m"), budgets("theirs")), (vec!["cpu=0.1"], vec!["spp=3"]));
 }
 
+/// The default method refines pass one while pass two goes on; no snapshot may count what came after it as spent before.
+#[test]
+fn snapshots_claim_no_more_of_pass_one_than_they_cost() {
+    let place = place();
+    let methods = "[[method]]\nname = \"refined\"\n[[method]]\nname = \"path\"\nmethod = \"path\"\n";
+    place.write("plan.toml", &plan("cpu = [0.05, 0.1, 0.2, 0.4]", methods));
+    place.expect(0, "experiment plan.toml -o dir");
+    for row in rows(&place, "dir") {
+        let before = row.tree_cpu_s.unwrap_or(0.0) + row.pass_one_cpu_s.unwrap_or(0.0);
+        assert!(before <= row.cpu_s && row.pass_two_cpu_s.is_none_or(|s| s >= 0.0), "{row:?}");
+        assert_eq!(row.method == "path", row.pass_two_cpu_s.is_some(), "{row:?}");
+    }
+}
+
 /// Plans of this repository are read to the end: a scene that they do not have is all that stops them.
 #[test]
 fn shipped_plans_are_valid() {
