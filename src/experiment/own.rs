@@ -97,7 +97,7 @@ pub fn row_of_snapshot(end: &Row, snapshot: &SnapshotReport) -> Row {
         spp: snapshot.samples_per_pixel,
         wall_s: snapshot.wall_s,
         cpu_s: snapshot.cpu_s,
-        pass_two_cpu_s: Some(snapshot.cpu_s - before),
+        pass_two_cpu_s: end.pass_two_cpu_s.map(|_| snapshot.cpu_s - before),
         rays: Some(snapshot.rays),
         predicted_relmse: snapshot.estimated_relmse,
         ..end.clone()
@@ -105,8 +105,12 @@ pub fn row_of_snapshot(end: &Row, snapshot: &SnapshotReport) -> Row {
 }
 
 /// The pictures of a run with their rows, without errors yet: snapshots whose picture differs from the next, then the end.
-pub fn pictures(end: Row, job: &Job, report: &RunReport, out: &Path) -> Vec<(Row, PathBuf)> {
+pub fn pictures(mut end: Row, job: &Job, report: &RunReport, out: &Path) -> Vec<(Row, PathBuf)> {
     let mut all: Vec<(Row, PathBuf)> = Vec::new();
+    if report.settings.get("read_out").is_some_and(|how| how == "progressive") && !report.snapshots.is_empty() {
+        // Pass one is refined between the passes of pass two, so its time over the whole run is not that of any snapshot.
+        (end.pass_one_cpu_s, end.pass_two_cpu_s) = (None, None);
+    }
     if matches!(job.work, Work::Cpu(_)) {
         for snapshot in &report.snapshots {
             let row = Row { budget: job.budget(&format!("cpu={}", snapshot.asked_cpu_s)), ..row_of_snapshot(&end, snapshot) };

@@ -285,6 +285,50 @@ fn what_is_not_there_is_left_out_if_the_plan_allows_it() {
     assert!(err.contains("theirs"), "{err}");
 }
 
+/// Times are for this program, samples for commands of others: a scene that changes the one keeps the other.
+#[test]
+fn a_scene_changes_budgets_of_one_kind_and_keeps_the_other() {
+    let place = place();
+    let methods = format!("cpu = [0.1]\n[[method]]\nname = \"m\"\n{COARSE}{}", external("theirs", "cp A.exr {out}"));
+    place.write("plan.toml", &plan("cpu = [9]\nspp = [3]", &methods));
+    place.expect(0, "experiment plan.toml -o dir");
+    let rows = rows(&place, "dir");
+    let budgets = |name: &str| -> Vec<&str> { rows.iter().filter(|r| r.method == name).map(|r| r.budget.as_str()).collect() };
+    assert_eq!((budgets("m"), budgets("theirs")), (vec!["cpu=0.1"], vec!["spp=3"]));
+}
+
+/// The default method refines pass one while pass two goes on; no snapshot may count what came after it as spent before.
+#[test]
+fn snapshots_claim_no_more_of_pass_one_than_they_cost() {
+    let place = place();
+    let methods = "[[method]]\nname = \"refined\"\n[[method]]\nname = \"path\"\nmethod = \"path\"\n";
+    place.write("plan.toml", &plan("cpu = [0.05, 0.1, 0.2, 0.4]", methods));
+    place.expect(0, "experiment plan.toml -o dir");
+    for row in rows(&place, "dir") {
+        let before = row.tree_cpu_s.unwrap_or(0.0) + row.pass_one_cpu_s.unwrap_or(0.0);
+        assert!(before <= row.cpu_s && row.pass_two_cpu_s.is_none_or(|s| s >= 0.0), "{row:?}");
+        assert_eq!(row.method == "path", row.pass_two_cpu_s.is_some(), "{row:?}");
+    }
+}
+
+/// Plans of this repository are read to the end: a scene that they do not have is all that stops them.
+#[test]
+fn shipped_plans_are_valid() {
+    let place = Place::new();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/plans");
+    let plans: Vec<_> = folder.read_dir().expect("plans").map(|entry| entry.expect("readable").path()).collect();
+    assert!(plans.len() >= 5, "{plans:?}");
+    for plan in plans {
+        let text = std::fs::read_to_string(&plan).expect("a plan");
+        // What others' commands need may be absent here; their entries must be right all the same.
+        let present: String = text.lines().filter(|line| !line.starts_with("needs = ")).map(|line| format!("{line}\n")).collect();
+        let root = folder.join("../..");
+        place.write("plan.toml", &present.replace("\"../../", &format!("\"{}/", root.display())));
+        let (_, err) = place.expect(2, "experiment plan.toml -o dir --scenes nowhere");
+        assert!(err.contains("no scene \"nowhere\""), "{}: {err}", plan.display());
+    }
+}
+
 /// The run report holds a row for each snapshot, with the file and what had been spent by then.
 #[test]
 fn render_writes_snapshots_and_reports_them() {

@@ -182,7 +182,10 @@ fn budgets(table: &mut Table<'_>, tuning: &mut Tuning) -> Result<(), Fault> {
     let cpu = table.read("cpu", Field::ascending)?;
     let spp = table.read("spp", |f| f.list(Field::count))?;
     let timeout = table.read("timeout", Field::positive)?;
-    *tuning = tuning.clone().with(&Tuning { cpu, spp, timeout, ..Tuning::default() });
+    // Each kind for itself: a plan has times for this program and samples for commands of others, and a scene may change either.
+    tuning.cpu = cpu.or(tuning.cpu.take());
+    tuning.spp = spp.or(tuning.spp.take());
+    tuning.timeout = timeout.or(tuning.timeout);
     Ok(())
 }
 
