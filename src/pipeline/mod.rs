@@ -90,7 +90,8 @@ impl RenderSettings {
     /// As [`Self::read_out`].
     pub fn integrator(&self, max_depth: Option<u32>) -> Result<IntegratorSettings, PipelineError> {
         Ok(IntegratorSettings {
-            read_out: self.read_out()?.unwrap_or(ReadOut::FinalGather),
+            // Progressive is a way of rounds; each sample of it gathers.
+            read_out: self.read_out()?.filter(|r| *r != ReadOut::Progressive).unwrap_or(ReadOut::FinalGather),
             max_depth,
             gather_rays: self.gather_rays,
             direct: DirectSampling::default(),

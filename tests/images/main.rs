@@ -17,8 +17,9 @@ use twopass::integrator::Method;
 #[test]
 fn cornell_box_is_within_the_error_of_its_goal() {
     let case = Case::of(Shot { spp: 16, ..Shot::new("cornell-box") });
-    case.relmse_at_most(2e-3);
-    case.means_within(0.01);
+    // 1.5e-4 measured.
+    case.relmse_at_most(3e-4);
+    case.means_within(0.005);
 }
 
 /// Stored radiosity shows the patches, and shadow rays hide most of them: 4.4e-4 measured; the bound is 1.5 times that.
@@ -30,11 +31,14 @@ fn cornell_box_whitted_shows_only_its_patches() {
 }
 
 #[test]
-fn cornell_glass_is_right_outside_its_caustics() {
+fn cornell_glass_is_right_in_and_outside_its_caustics() {
     let mask = read_mask(&support::reference_folder("cornell-glass").join("caustic-mask.png")).expect("the mask is there");
     let case = Case::of(Shot { spp: 32, left_out: Some(mask), ..Shot::new("cornell-glass") });
-    case.relmse_at_most(3e-2);
-    Case { left_out: None, ..case }.means_within(0.08);
+    case.relmse_at_most(1e-3);
+    // Caustics included; 3.0e-4 and 0.6 % were measured at 16 samples, 8.7e-5 and 0.2 % at 64.
+    let whole = Case { left_out: None, ..case };
+    whole.relmse_at_most(1e-3);
+    whole.means_within(0.01);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use twopass::integrator::ReadOut;
 #[test]
 fn every_pixel_of_the_furnace_has_its_radiance() {
     for rho in [0.5, 0.9] {
-        for read_out in [ReadOut::Stored, ReadOut::DirectStored, ReadOut::FinalGather] {
+        for read_out in [ReadOut::Stored, ReadOut::DirectStored, ReadOut::FinalGather, ReadOut::Progressive] {
             for gather_rays in [1, 3] {
                 let mut settings = quick(2, 0.25);
                 settings.read_out = Some(read_out);
@@ -23,6 +23,16 @@ fn every_pixel_of_the_furnace_has_its_radiance() {
                 }
             }
         }
+    }
+}
+
+/// Two edges carry one reflection: 1 + rho, also by the default method, which has no pass one to read then.
+#[test]
+fn two_edges_carry_one_reflection() {
+    let mut settings = quick(2, 0.25);
+    settings.max_depth = Some(Some(2));
+    for pixel in run(furnace(0.5).scene(), &settings).film.image().pixels() {
+        assert!((f64::from(pixel[1]) - 1.5).abs() < 1e-4, "{}, expected 1.5", pixel[1]);
     }
 }
 
