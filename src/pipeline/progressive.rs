@@ -215,6 +215,8 @@ impl Integrator for Progressive<'_> {
             let settings = self.fill_settings(frame, half);
             self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
             let cache = self.two_pass(half, None).fill(frame, &settings, &mut counts);
+            // Looking for places cuts paths as well, but none of a camera sample.
+            (counts.truncated, counts.truncated_weight) = (0, 0);
             self.caches[half] = Some(cache);
         }
         let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).pass(frame, index);
