@@ -1,7 +1,8 @@
 //! Stored rows of form factors: sparse, f32 entries, sums in f64.
 
-use super::Closure;
+use super::{Closure, FormFactors};
 use crate::math::Rgb;
+use rayon::prelude::*;
 
 /// Sparse rows by patch. Two parts: what is seen directly, and what is seen through mirrors and glass (extended form factors,
 /// [Sillion89]), which is coloured.
@@ -64,16 +65,6 @@ impl FormFactorMatrix {
             matrix.specular_start.push(matrix.specular_column.len());
         }
         matrix
-    }
-
-    /// Number of rows.
-    pub fn len(&self) -> usize {
-        self.escaped.len()
-    }
-
-    /// True if there is no row.
-    pub fn is_empty(&self) -> bool {
-        self.escaped.is_empty()
     }
 
     /// Number of entries above zero, those through specular surfaces included.
@@ -184,6 +175,29 @@ impl FormFactorMatrix {
             }
         }
         rows
+    }
+}
+
+impl FormFactors for FormFactorMatrix {
+    fn len(&self) -> usize {
+        self.escaped.len()
+    }
+
+    fn gather(&self, x: &[Rgb], out: &mut [Rgb]) {
+        out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| {
+            let direct: Rgb = self.direct(i).map(|(j, f)| x[j] * f).sum();
+            let specular: Rgb = self.specular(i).map(|(j, f)| x[j] * f).sum();
+            *out = direct + specular;
+        });
+    }
+
+    fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
+        self.direct(i).for_each(|(j, f)| visit(j, Rgb::grey(f)));
+        self.specular(i).for_each(|(j, f)| visit(j, f));
+    }
+
+    fn is_reciprocal(&self) -> bool {
+        self.specular_column.is_empty()
     }
 }
 

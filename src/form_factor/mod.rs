@@ -8,6 +8,7 @@ pub mod ray_cast;
 
 pub use matrix::FormFactorMatrix;
 
+use crate::math::Rgb;
 use serde::Serialize;
 
 /// What the rows looked like before anything was corrected: the honest quality of the form factors.
@@ -23,4 +24,29 @@ pub struct Closure {
     pub reciprocity_defect: f64,
     /// Largest remaining |sum of a row - its target| after the correction.
     pub corrected_defect: f64,
+}
+
+/// The operator F of pass one as solvers see it: numbers, however they are kept (rows, links between groups of patches).
+///
+/// Row i is the receiver: F_ij is the share of what leaves patch i that arrives at patch j, and, by reciprocity, the weight with which
+/// the radiosity of j counts in the irradiance of i. Entries through specular surfaces are coloured.
+pub trait FormFactors: Sync {
+    /// Number of patches.
+    fn len(&self) -> usize;
+
+    /// True if there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// out_i = sum_j F_ij x_j for all patches, in parallel: the same bits on any number of threads. Both slices are `len()` long.
+    fn gather(&self, x: &[Rgb], out: &mut [Rgb]);
+
+    /// Shows the entries (j, F_ij) of row `i` that are not zero, several for the same j where light takes several ways. Grouped form
+    /// factors are spread over their patches, so that a row may cost as much as there are patches.
+    fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb));
+
+    /// True if A_i F_ij = A_j F_ji for all pairs, up to rounding: what conjugate gradients rest on. Light through specular surfaces is
+    /// measured one way only.
+    fn is_reciprocal(&self) -> bool;
 }

@@ -1,6 +1,6 @@
 //! The linear system as the solvers see it: numbers, never triangles.
 
-use crate::form_factor::FormFactorMatrix;
+use crate::form_factor::FormFactors;
 use crate::math::Rgb;
 
 /// Unknown: irradiance H_i [W/m²] of each patch. With reflected radiosity R_j = rho_j H_j,
@@ -14,7 +14,7 @@ pub struct RadiositySystem<'a> {
     /// Area of each patch [m²].
     pub area: &'a [f64],
     /// Form factors.
-    pub form_factors: &'a FormFactorMatrix,
+    pub form_factors: &'a dyn FormFactors,
     /// Irradiance of each patch from light that no patch has reflected yet [W/m²].
     pub source: Vec<Rgb>,
 }
@@ -33,16 +33,16 @@ impl RadiositySystem<'_> {
     /// sum_j F_ij rho_j H_j.
     #[inline]
     pub fn reflected_to(&self, i: usize, irradiance: &[Rgb]) -> Rgb {
-        let direct: Rgb = self.form_factors.direct(i).map(|(j, f)| self.rho[j] * irradiance[j] * f).sum();
-        let specular: Rgb = self.form_factors.specular(i).map(|(j, f)| self.rho[j] * irradiance[j] * f).sum();
-        direct + specular
+        let mut sum = Rgb::BLACK;
+        self.form_factors.row(i, &mut |j, f| sum += self.rho[j] * irradiance[j] * f);
+        sum
     }
 
     /// sum_j F_ij rho_j: what a uniform irradiance of 1 everywhere would send back to patch `i`.
     pub fn row_reflectance(&self, i: usize) -> Rgb {
-        let direct: Rgb = self.form_factors.direct(i).map(|(j, f)| self.rho[j] * f).sum();
-        let specular: Rgb = self.form_factors.specular(i).map(|(j, f)| self.rho[j] * f).sum();
-        direct + specular
+        let mut sum = Rgb::BLACK;
+        self.form_factors.row(i, &mut |j, f| sum += self.rho[j] * f);
+        sum
     }
 
     /// Patches that light can reach, in rising order: those with a source, and those that see one that is reached and reflects. The
@@ -50,7 +50,7 @@ impl RadiositySystem<'_> {
     pub fn reached(&self) -> Vec<usize> {
         let mut lit: Vec<bool> = self.source.iter().map(|s| !s.is_black()).collect();
         loop {
-            let sees_light = |i: usize| self.seen(i).any(|j| lit[j] && !self.rho[j].is_black());
+            let sees_light = |i: usize| self.sees(i, |j| lit[j] && !self.rho[j].is_black());
             let new: Vec<usize> = (0..self.len()).filter(|&i| !lit[i] && sees_light(i)).collect();
             if new.is_empty() {
                 return (0..self.len()).filter(|&i| lit[i]).collect();
@@ -59,9 +59,11 @@ impl RadiositySystem<'_> {
         }
     }
 
-    /// Patches that patch `i` sees, directly or through specular surfaces.
-    fn seen(&self, i: usize) -> impl Iterator<Item = usize> {
-        self.form_factors.direct(i).map(|e| e.0).chain(self.form_factors.specular(i).map(|e| e.0))
+    /// True if patch `i` sees, directly or through specular surfaces, one that `is_such`.
+    fn sees(&self, i: usize, is_such: impl Fn(usize) -> bool) -> bool {
+        let mut found = false;
+        self.form_factors.row(i, &mut |j, _| found = found || is_such(j));
+        found
     }
 
     /// Largest over the rows of `patches` and channels of sum_j F_ij rho_j: bounds the spectral radius.
@@ -76,8 +78,7 @@ impl RadiositySystem<'_> {
             // Rows sum to 1 only up to the rounding of their entries.
             patches.iter().for_each(|&i| white[i] = self.row_reflectance(i)[channel] >= 1.0 - 1e-9);
             loop {
-                let leaky: Vec<usize> =
-                    patches.iter().copied().filter(|&i| white[i] && self.seen(i).any(|j| !white[j])).collect();
+                let leaky: Vec<usize> = patches.iter().copied().filter(|&i| white[i] && self.sees(i, |j| !white[j])).collect();
                 if leaky.is_empty() {
                     return white.contains(&true);
                 }
@@ -99,10 +100,10 @@ impl RadiositySystem<'_> {
             i
         }
         for &i in patches {
-            for j in self.seen(i) {
+            self.form_factors.row(i, &mut |j, _| {
                 let (a, b) = (root(&mut towards, i), root(&mut towards, j));
                 towards[a.max(b)] = a.min(b);
-            }
+            });
         }
         let mut set_of = vec![usize::MAX; self.len()];
         let mut sets: Vec<Vec<usize>> = Vec::new();

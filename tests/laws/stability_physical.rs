@@ -3,9 +3,9 @@
 use glam::{DAffine3, DVec3};
 use serde_json::Value as Json;
 use std::f64::consts::PI;
-use twopass::form_factor::FormFactorMatrix;
 use twopass::form_factor::analytic::{parallel_rectangles, perpendicular_rectangles, point_to_polygon};
 use twopass::form_factor::matrix::Row as FactorRow;
+use twopass::form_factor::{FormFactorMatrix, FormFactors};
 use twopass::geometry::tessellate;
 use twopass::material::fresnel;
 use twopass::math::Rgb;

@@ -1,7 +1,7 @@
 //! How much light there is: bright rooms, white rooms, tiny lamps, dark rooms beside bright ones.
 
-use crate::form_factor::FormFactorMatrix;
 use crate::form_factor::matrix::Row as FactorRow;
+use crate::form_factor::{FormFactorMatrix, FormFactors};
 use crate::geometry::tessellate;
 use crate::load::{LoadOptions, load_scene};
 use crate::math::{DAffine3, DVec3, Rgb};
