@@ -96,7 +96,7 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
         counts.form_factor += 1;
         // Densities are per shadow ray, so that the shares do not depend on how many of either kind there are.
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
-        let sampling = DirectSampling::default();
+        let sampling = DirectSampling::OF_PATCHES;
         let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
         let mut found = Rgb::BLACK;
         world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {

@@ -43,7 +43,7 @@ impl TwoPass<'_> {
         let lobes = shading.lobes();
         let albedo = shading.glossy_albedo().mean();
         if path.depth < BRANCHING_DEPTH {
-            let favour = if shading.has_diffuse() { FAVOUR } else { f64::INFINITY };
+            let favour = if shading.has_diffuse() && path.depth > 0 { FAVOUR } else { f64::INFINITY };
             return Branches { glossy: followed(favour, albedo), kind: Kind::Each { favour }, lobes };
         }
         let ideal: f64 = lobes.iter().map(|lobe| lobe.power).sum();

@@ -89,6 +89,18 @@ impl Environment {
         }
     }
 
+    /// The point of the unit square from which [`Environment::sample`] makes `direction`.
+    #[inline]
+    pub fn square(&self, direction: Vec3) -> Vec2 {
+        match self {
+            Environment::Uniform(_) => {
+                let turn = f64::from(direction.y).atan2(f64::from(direction.x)) / TAU;
+                Vec2::new(0.5 * (1.0 - direction.z), turn.rem_euclid(1.0) as f32)
+            }
+            Environment::Map(map) => map.square(direction),
+        }
+    }
+
     /// True if the radiance is the same from everywhere.
     pub fn is_uniform(&self) -> bool {
         matches!(self, Environment::Uniform(_))
@@ -209,6 +221,23 @@ impl Map {
         let theta = band.step * (row as f64 + y);
         let phi = TAU * (column as f64 + x + 0.5) / self.width as f64;
         (self.to_scene * local_direction(theta, phi)).as_vec3().normalize()
+    }
+
+    /// Inverse of [`Map::sample`].
+    fn square(&self, direction: Vec3) -> Vec2 {
+        let Place { column, row, x, y } = self.place(direction);
+        let (top, bottom) = (self.row(row), self.row(row + 1));
+        let before = if row == 0 { 0.0 } else { self.bands[row - 1] };
+        let band = Band::new(row, PI / (self.height - 1) as f64);
+        let along_y = before + band.integral(top[self.width - 1], bottom[self.width - 1], y);
+        let mix = |a: f64, b: f64| a * (1.0 - y) + b * y;
+        let next = if column + 1 == self.width { 0 } else { column + 1 };
+        let [left, right] = [column, next].map(|c| mix(self.luminance(row, c), self.luminance(row + 1, c)));
+        let before = if column == 0 { 0.0 } else { mix(top[column - 1], bottom[column - 1]) };
+        let along_x = before + x * (left + 0.5 * x * (right - left));
+        let share = |part: f64, whole: f64| if whole > 0.0 { (part / whole).clamp(0.0, 1.0) as f32 } else { 0.0 };
+        let whole = [mix(top[self.width - 1], bottom[self.width - 1]), self.bands[self.bands.len() - 1]];
+        Vec2::new(share(along_x, whole[0]), share(along_y, whole[1]))
     }
 
     #[inline]

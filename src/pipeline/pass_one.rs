@@ -124,7 +124,7 @@ fn direct_irradiance(world: &World, patches: &PatchMesh, gather_rays: f64, seed:
                     let arriving = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
                     Scattering { diffuse: arriving, glossy: arriving * shading.acceptance(ray.direction) }
                 };
-                let sampling = DirectSampling::default();
+                let sampling = DirectSampling::OF_PATCHES;
                 let found = world.direct(&at, Some(at.ng), sampling, &mut sampler, &mut counts, respond);
                 sum.irradiance += found.diffuse;
                 sum.accepted += found.glossy;

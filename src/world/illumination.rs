@@ -4,7 +4,7 @@ use super::sight::Origin;
 use super::walk::RayCounts;
 use super::{SurfaceInteraction, World};
 use crate::geometry::Ray;
-use crate::light::{LightHit, LightSample, Receiver};
+use crate::light::{Light, LightHit, LightSample, Receiver};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, Vec2, Vec3};
 
@@ -20,14 +20,22 @@ pub struct DirectSampling {
     /// Up to this many lights, each is sampled at every point; from more, as many are picked by their likely contribution. Those
     /// infinitely far away come on top, one sample each.
     pub lights_per_point: usize,
+    /// Shadow rays towards the surroundings: in a room they are seen through windows only, so that single rays say little.
+    pub sky_rays: u32,
     /// True after a bounce: see [`Receiver::in_passing`].
     pub in_passing: bool,
 }
 
+impl DirectSampling {
+    /// Where the camera looks. Four lights: one with more than a quarter of the likely contribution is then always among those sampled.
+    pub const SEEN: Self = Self { lights_per_point: 4, sky_rays: 4, in_passing: false };
+    /// At the many points of a patch.
+    pub const OF_PATCHES: Self = Self { sky_rays: 1, ..Self::SEEN };
+}
+
 impl Default for DirectSampling {
-    /// Four: a light with more than a quarter of the likely contribution is then always among those sampled.
     fn default() -> Self {
-        Self { lights_per_point: 4, in_passing: false }
+        Self::SEEN
     }
 }
 
@@ -85,8 +93,14 @@ impl World {
         let mut sum = Scattering::default();
         let faces = Receiver { normal: receiver, in_passing: sampling.in_passing };
         let mut add = |light: usize, picked: f64, u: Vec2| {
-            let Some(sample) = self.scene.lights[light].sample(si.point, faces, u) else { return };
             let surroundings = self.partition.environment() == Some(light);
+            let sample = match (&self.scene.lights[light], &self.sky_guide) {
+                (Light::Environment(environment), Some(guide)) if surroundings => {
+                    guide.sample(environment, si.point, receiver, u)
+                }
+                (light, _) => light.sample(si.point, faces, u),
+            };
+            let Some(sample) = sample else { return };
             let ray = ShadowRay { direction: sample.direction, density: sample.pdf * picked, surroundings };
             let response = respond(&ray);
             if response.diffuse.is_black() && response.glossy.is_black() {
@@ -107,7 +121,10 @@ impl World {
             us.iter_mut().take(picks).for_each(|u| *u = sampler.next_2d());
             self.pick_lights(si.point, receiver, picks, shift, |pick, light, expected| add(light, expected, us[pick]));
         }
-        self.partition.distant_lights().iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
+        for &light in self.partition.distant_lights() {
+            let rays = if self.partition.environment() == Some(light) { sampling.sky_rays } else { 1 };
+            (0..rays).for_each(|_| add(light, f64::from(rays), sampler.next_2d()));
+        }
         sum
     }
 
@@ -164,9 +181,16 @@ impl World {
 
     /// Expected number of shadow rays per steradian from `origin` along `direction` to `light`, which is met at `hit`.
     pub(super) fn light_density(&self, origin: &Origin, light: usize, direction: Vec3, hit: Option<&LightHit>) -> f64 {
+        if let (Light::Environment(environment), Some(guide)) = (&self.scene.lights[light], &self.sky_guide) {
+            let rays = f64::from(origin.sampling.sky_rays);
+            return rays * guide.pdf(environment, origin.point, origin.receiver, direction);
+        }
         let receiver = Receiver { normal: origin.receiver, in_passing: origin.sampling.in_passing };
         let pdf = self.scene.lights[light].pdf(origin.point, receiver, direction, hit);
         let lights = self.partition.shadow_lights();
+        if self.partition.environment() == Some(light) {
+            return pdf * f64::from(origin.sampling.sky_rays);
+        }
         if self.scene.lights[light].is_distant() || lights.len() <= origin.sampling.lights_per_point {
             return pdf;
         }

@@ -5,6 +5,7 @@ pub mod interaction;
 pub mod partition;
 pub mod shading;
 pub mod sight;
+mod sky_guide;
 mod tangent;
 pub mod walk;
 
@@ -20,6 +21,7 @@ use crate::geometry::{Bounds, Hit, Ray, Soup, triangle};
 use crate::light::LightTree;
 use crate::math::{Vec2, Vec3};
 use crate::scene::{Scene, Shape, ShapeSurface};
+use sky_guide::SkyGuide;
 use std::sync::Arc;
 
 /// Relative bound on the rounding of a hit point on a sphere, in units of the largest coordinate: eight ulps.
@@ -45,6 +47,8 @@ pub struct World {
     oriented: Vec<bool>,
     /// Picks among many lights; few are weighed one by one.
     light_tree: Option<LightTree>,
+    /// What is seen of the surroundings from where.
+    sky_guide: Option<SkyGuide>,
 }
 
 impl World {
@@ -93,7 +97,7 @@ impl World {
         let light_tree = (lights.len() > FEW_LIGHTS).then(|| LightTree::new(&scene.lights, lights));
         let soup = Arc::new(soup);
         let accel = accel::build(Arc::clone(&soup), kind)?;
-        Ok(World {
+        let mut world = World {
             scene,
             soup,
             accel,
@@ -105,7 +109,10 @@ impl World {
             has_thin,
             oriented,
             light_tree,
-        })
+            sky_guide: None,
+        };
+        world.sky_guide = SkyGuide::measure(&world);
+        Ok(world)
     }
 
     /// The scene.

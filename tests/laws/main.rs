@@ -29,6 +29,7 @@ mod material_laws;
 mod metrics;
 mod patches;
 mod path;
+mod sky;
 mod specular;
 mod stability;
 mod stability_physical;

@@ -14,7 +14,7 @@ const PROBE: IntegratorSettings = IntegratorSettings {
     read_out: ReadOut::FinalGather,
     max_depth: None,
     gather_rays: 4,
-    direct: DirectSampling::default(),
+    direct: DirectSampling::SEEN,
     seed: 2,
     sampler: SamplerKind::Sobol,
 };
@@ -24,7 +24,7 @@ fn radiance(scene: Scene, max_depth: Option<u32>, from: DVec3, direction: DVec3,
         read_out: ReadOut::FinalGather,
         max_depth,
         gather_rays: 4,
-        direct: DirectSampling::default(),
+        direct: DirectSampling::SEEN,
         seed: 1,
         sampler: SamplerKind::Sobol,
     };
