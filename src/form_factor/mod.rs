@@ -4,6 +4,7 @@
 
 pub mod analytic;
 pub mod matrix;
+pub mod polygon;
 pub mod ray_cast;
 
 pub use matrix::FormFactorMatrix;
