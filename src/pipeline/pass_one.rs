@@ -8,7 +8,7 @@ use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
 use crate::progress::{Observer, Progress, Stage};
-use crate::radiosity::{Incident, RadiosityField, RadiositySystem, Solution, SolverSettings, gauss_seidel};
+use crate::radiosity::{self, Incident, RadiosityField, RadiositySystem, Solution, SolverSettings};
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, ShadowRay, World};
 use rayon::prelude::*;
@@ -90,7 +90,7 @@ pub fn solve(
     let gathered = gathered_irradiance(world, &patches, &form_factors, &outside);
     let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| a.accepted + b.accepted).collect();
     let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
-    let solution = watch.time(Stage::Solve, || gauss_seidel::solve(&system, &settings.solver, observer))?;
+    let solution = watch.time(Stage::Solve, || radiosity::solve(&system, &settings.solver, observer))?;
     let indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
     let field = RadiosityField::new(patches, shadow, gathered, indirect);
     let power = balance(world, &field, &outside);
