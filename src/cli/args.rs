@@ -10,6 +10,7 @@ use super::values::{
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use twopass::accel::AccelKind;
+use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
 use twopass::radiosity::Solver;
@@ -125,10 +126,10 @@ pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
-    /// How form factors are computed: ray-cast
+    /// How form factors are computed: ray-cast, hierarchical (links between groups of patches)
     #[arg(long, value_name = "METHOD", default_value = "ray-cast", help_heading = "Pass one")]
     pub form_factors: String,
-    /// Standard error allowed to a form factor
+    /// Error allowed to a form factor: standard error of ray-cast (default 0.022), bound of hierarchical (default 1e-3)
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub tolerance: Option<f64>,
     /// How the radiosity system is solved: cg, gmres, bicgstab, gauss-seidel, jacobi, southwell
@@ -353,7 +354,7 @@ pub struct StabilityArgs {
 }
 
 /// The form-factor methods that the command line promises and that are not there yet.
-const LATER_FORM_FACTORS: [&str; 3] = ["analytic", "hemicube", "hierarchical"];
+const LATER_FORM_FACTORS: [&str; 2] = ["analytic", "hemicube"];
 
 impl Args {
     /// What was asked for that this version does not do yet or does not know: a sentence for the user.
@@ -384,7 +385,12 @@ impl RenderArgs {
 
 impl PassOneArgs {
     fn not_delivered(&self) -> Option<String> {
-        refused("--form-factors", &self.form_factors, "ray-cast", &LATER_FORM_FACTORS)
+        refused("--form-factors", &self.form_factors, &FormFactorMethod::ALL.map(FormFactorMethod::name), &LATER_FORM_FACTORS)
+    }
+
+    /// The method of form factors; the default one for a name that [`Self::not_delivered`] refuses.
+    pub fn form_factors(&self) -> FormFactorMethod {
+        FormFactorMethod::ALL.into_iter().find(|m| m.name() == self.form_factors).unwrap_or_default()
     }
 }
 
@@ -396,11 +402,11 @@ fn later(name: &str) -> String {
     format!("{name} is not delivered in this version")
 }
 
-fn refused(flag: &str, value: &str, known: &str, later_ones: &[&str]) -> Option<String> {
+fn refused(flag: &str, value: &str, known: &[&str], later_ones: &[&str]) -> Option<String> {
     match value {
-        value if value == known => None,
+        value if known.contains(&value) => None,
         value if later_ones.contains(&value) => Some(later(&format!("{flag} {value}"))),
-        value => Some(format!("{flag} knows no \"{value}\"; expected {known}")),
+        value => Some(format!("{flag} knows no \"{value}\"; expected {}", known.join(", "))),
     }
 }
 

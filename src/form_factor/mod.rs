@@ -3,12 +3,17 @@
 //! Unitless, in [0, 1]; A_i F_ij = A_j F_ji; in a closed scene the row of i sums to 1 [Cohen93, chapter 4].
 
 pub mod analytic;
+pub mod hierarchy;
 pub mod matrix;
+pub mod method;
 pub mod outside;
+pub mod polygon;
 pub mod ray_cast;
 pub mod stored;
 
+pub use hierarchy::Hierarchy;
 pub use matrix::FormFactorMatrix;
+pub use method::FormFactorMethod;
 pub use outside::Outside;
 pub use stored::Stored;
 

@@ -1,8 +1,9 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::{PipelineError, cost::StageCosts};
+use crate::form_factor::hierarchy::{self, HierarchySettings};
 use crate::form_factor::ray_cast::{self, RayCastSettings};
-use crate::form_factor::{Outside, Stored};
+use crate::form_factor::{FormFactorMethod, Outside, Stored};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
@@ -21,16 +22,19 @@ const DIRECT_POINTS: f64 = 32.0;
 pub struct PassOneSettings {
     /// The patches.
     pub patches: PatchSettings,
-    /// Standard error allowed to any form factor.
+    /// How form factors are computed.
+    pub form_factors: FormFactorMethod,
+    /// Error allowed to any form factor, in the sense of the method.
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
 }
 
 impl Default for PassOneSettings {
-    /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
-        Self { patches: PatchSettings::default(), form_factor_tolerance: 0.0221, solver: SolverSettings::default() }
+        let form_factors = FormFactorMethod::default();
+        let form_factor_tolerance = form_factors.default_tolerance();
+        Self { patches: PatchSettings::default(), form_factors, form_factor_tolerance, solver: SolverSettings::default() }
     }
 }
 
@@ -78,14 +82,11 @@ pub fn solve(
 ) -> Result<PassOne, PipelineError> {
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
     stop_if_asked(observer, Stage::Patches)?;
-    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, DIRECT_POINTS, mix(seed ^ 0x00f0_0f0f));
-    let shadow =
-        watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, ray_cast.rays_beside_shadow_rays, seed, counts));
+    let rays = FormFactorRays::new(settings, mix(seed ^ 0x00f0_0f0f));
+    let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, rays.beside_shadow_rays(), seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
-    let (rows, outside) = watch
-        .time(Stage::FormFactors, || ray_cast::cast(world, &patches, &ray_cast, counts, observer))
-        .ok_or(PipelineError::Stopped)?;
-    let form_factors = Stored::Rows(rows);
+    let (form_factors, outside) =
+        watch.time(Stage::FormFactors, || rays.form_factors(world, &patches, counts, observer)).ok_or(PipelineError::Stopped)?;
     let gathered = gathered_irradiance(world, &patches, &form_factors, &outside);
     let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| a.accepted + b.accepted).collect();
     let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
@@ -94,6 +95,48 @@ pub fn solve(
     let field = RadiosityField::new(patches, shadow, gathered, indirect);
     let power = balance(world, &field, &outside);
     Ok(PassOne { field, form_factors, outside, solution, power })
+}
+
+/// The method of form factors with its settings.
+enum FormFactorRays {
+    Cast(RayCastSettings),
+    Links(HierarchySettings),
+}
+
+impl FormFactorRays {
+    fn new(settings: &PassOneSettings, seed: u64) -> Self {
+        let tolerance = settings.form_factor_tolerance;
+        match settings.form_factors {
+            FormFactorMethod::RayCast => Self::Cast(RayCastSettings::for_tolerance(tolerance, DIRECT_POINTS, seed)),
+            FormFactorMethod::Hierarchical => Self::Links(HierarchySettings::for_tolerance(tolerance, DIRECT_POINTS, seed)),
+        }
+    }
+
+    fn beside_shadow_rays(&self) -> f64 {
+        match self {
+            Self::Cast(settings) => settings.rays_beside_shadow_rays,
+            Self::Links(settings) => settings.rays_beside_shadow_rays,
+        }
+    }
+
+    fn form_factors(
+        &self,
+        world: &World,
+        patches: &PatchMesh,
+        counts: &mut RayCounts,
+        observer: &mut Observer<'_>,
+    ) -> Option<(Stored, Outside)> {
+        Some(match self {
+            Self::Cast(settings) => {
+                let (rows, outside) = ray_cast::cast(world, patches, settings, counts, observer)?;
+                (Stored::Rows(rows), outside)
+            }
+            Self::Links(settings) => {
+                let (links, outside) = hierarchy::link(world, patches, settings, counts, observer)?;
+                (Stored::Links(links), outside)
+            }
+        })
+    }
 }
 
 fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), PipelineError> {
