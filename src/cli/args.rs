@@ -4,8 +4,8 @@
 //! [`Args::not_delivered`]: it is never ignored.
 
 use super::values::{
-    Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
-    parse_sampler, parse_solver, parse_whole,
+    Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_light, parse_method, parse_positive,
+    parse_read_out, parse_sampler, parse_solver, parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -13,6 +13,7 @@ use twopass::accel::AccelKind;
 use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
+use twopass::pipeline::LampWeight;
 use twopass::radiosity::Solver;
 
 /// Hybrid two-pass global illumination: radiosity over meshed patches, then Whitted ray tracing that gathers it.
@@ -209,12 +210,13 @@ pub struct RenderArgs {
     /// Write the image so far every S seconds
     #[arg(long, value_name = "S", value_parser = parse_positive, allow_hyphen_values = true)]
     pub partial_every: Option<f64>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
+    /// Take pass one from this file, which `solve -o` wrote for the same scene; only the view may differ
+    #[arg(long, value_name = "FILE.sol")]
     pub solution: Option<PathBuf>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
-    pub light: Vec<String>,
+    /// Make a light of the solution SCALE times as strong, and R, G, B times as red, green and blue; may be given more than once. Lights
+    /// without a shape are called light-1, light-2 ...
+    #[arg(long, value_name = "ID=SCALE[,R,G,B]", value_parser = parse_light, requires = "solution")]
+    pub light: Vec<LampWeight>,
     /// Not delivered yet
     #[arg(long, hide = true)]
     pub resume: bool,
@@ -245,8 +247,8 @@ pub struct SolveArgs {
     /// How many points that file has
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = parse_count::<u32>, allow_negative_numbers = true)]
     pub points: u32,
-    /// Not delivered yet
-    #[arg(short, long, hide = true)]
+    /// Keep the solution in this file. If it is there already, stages of it that nothing has changed for are not done again
+    #[arg(short, long, value_name = "FILE.sol")]
     pub output: Option<PathBuf>,
     /// Not delivered yet
     #[arg(long, hide = true)]
@@ -364,7 +366,7 @@ impl Args {
             match self.command.as_ref()? {
                 Command::Render(args) => args.not_delivered(),
                 Command::Solve(args) => {
-                    let given = [("solve --output", args.output.is_some()), ("solve --gltf", args.gltf.is_some())];
+                    let given = [("solve --gltf", args.gltf.is_some())];
                     first_given(&given).or_else(|| args.pass_one.not_delivered())
                 }
                 Command::Probe(args) => args.pass_one.not_delivered(),
@@ -378,7 +380,7 @@ impl Args {
 
 impl RenderArgs {
     fn not_delivered(&self) -> Option<String> {
-        let given = [("--solution", self.solution.is_some()), ("--light", !self.light.is_empty()), ("--resume", self.resume)];
+        let given = [("--resume", self.resume)];
         first_given(&given).or_else(|| self.pass_one.not_delivered())
     }
 }
@@ -386,6 +388,18 @@ impl RenderArgs {
 impl PassOneArgs {
     fn not_delivered(&self) -> Option<String> {
         refused("--form-factors", &self.form_factors, &FormFactorMethod::ALL.map(FormFactorMethod::name), &LATER_FORM_FACTORS)
+    }
+
+    /// The flags that say how pass one is done, as far as they were given.
+    pub fn given(&self) -> Vec<&'static str> {
+        let flags = [
+            ("--patch-size", self.patch_size.is_some()),
+            ("--tolerance", self.tolerance.is_some()),
+            ("--solver-tolerance", self.solver_tolerance.is_some()),
+            ("--form-factors", self.form_factors() != FormFactorMethod::default()),
+            ("--solver", self.solver != Solver::default()),
+        ];
+        flags.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
     }
 
     /// The method of form factors; the default one for a name that [`Self::not_delivered`] refuses.
@@ -462,11 +476,8 @@ mod tests {
         for (line, name) in [
             ("twopass render a.xml --plan full", "--plan"),
             ("twopass info a.xml --max-memory 1G", "--max-memory"),
-            ("twopass render a.xml --solution a.sol", "--solution"),
-            ("twopass render a.xml --light lamp=2", "--light"),
             ("twopass render a.xml --resume", "--resume"),
             ("twopass solve a.xml --form-factors hemicube", "--form-factors hemicube"),
-            ("twopass solve a.xml -o a.sol", "solve --output"),
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
             ("twopass form-factors a.xml --by patch", "form-factors"),

@@ -69,9 +69,17 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
 
 /// Adds what pass one found.
 pub fn add_pass_one(common: &Common, report: &mut RunReport, pass_one: &PassOne) {
-    report.count("patches", pass_one.field.patches.len() as u64);
-    report.count("form_factors", pass_one.form_factors.n_nonzero() as u64);
-    report.count("sweeps", pass_one.solution.sweeps.into());
+    // What was computed, and what was there already.
+    let reused = pass_one.reused;
+    let (patches, form_factors) = (pass_one.field.patches.len() as u64, pass_one.form_factors.n_nonzero() as u64);
+    for (name, kept_name, is_kept, amount) in [
+        ("patches", "patches_kept", reused.patches, patches),
+        ("form_factors", "form_factors_kept", reused.form_factors, form_factors),
+        ("sweeps", "sweeps_kept", reused.solution, pass_one.solution.sweeps.into()),
+    ] {
+        report.count(name, if is_kept { 0 } else { amount });
+        report.count(kept_name, if is_kept { amount } else { 0 });
+    }
     let raw = pass_one.form_factors.closure();
     report.closure = Some(Closure {
         raw_row_sum_min: raw.row_sum_min,

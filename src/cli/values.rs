@@ -2,7 +2,8 @@
 
 use std::str::FromStr;
 use twopass::integrator::{Method, ReadOut};
-use twopass::math::SamplerKind;
+use twopass::math::{Rgb, SamplerKind};
+use twopass::pipeline::LampWeight;
 use twopass::radiosity::Solver;
 
 /// `name=value`.
@@ -118,6 +119,21 @@ pub fn parse_solver(text: &str) -> Result<Solver, String> {
     Solver::ALL.into_iter().find(|s| s.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
+/// Parses `ID=SCALE` or `ID=SCALE,R,G,B`; all are factors of 0 or more.
+pub fn parse_light(text: &str) -> Result<LampWeight, String> {
+    let expected = || "expected ID=SCALE or ID=SCALE,R,G,B, each of 0 or more".to_owned();
+    // An id may hold an equals sign, a number does not.
+    let (name, factors) = text.rsplit_once('=').filter(|(name, _)| !name.is_empty()).ok_or_else(expected)?;
+    let factors: Vec<f64> =
+        factors.split(',').map(|f| parse_finite(f).ok().filter(|f| *f >= 0.0)).collect::<Option<_>>().ok_or_else(expected)?;
+    let factor = match factors[..] {
+        [scale] => Rgb::grey(scale),
+        [scale, r, g, b] => Rgb::new(r, g, b) * scale,
+        _ => return Err(expected()),
+    };
+    Ok(LampWeight { name: name.to_owned(), factor })
+}
+
 /// Name of a read-out, as it is typed.
 pub fn read_out_name(read_out: ReadOut) -> &'static str {
     match read_out {
@@ -160,6 +176,16 @@ mod tests {
     fn defines_keep_what_follows_the_first_equals_sign() {
         assert_eq!("a=b=c".parse(), Ok(Define { name: "a".into(), value: "b=c".into() }));
         assert!("a".parse::<Define>().is_err() && "=1".parse::<Define>().is_err());
+    }
+
+    #[test]
+    fn weights_of_lights() {
+        let weight = |name: &str, factor: Rgb| Ok(LampWeight { name: name.into(), factor });
+        assert_eq!(parse_light("lamp=0.5"), weight("lamp", Rgb::grey(0.5)));
+        assert_eq!(parse_light("a=b=2,1,0,3"), weight("a=b", Rgb::new(2.0, 0.0, 6.0)));
+        for bad in ["lamp", "=2", "lamp=", "lamp=-1", "lamp=1,2", "lamp=1,2,3", "lamp=1,2,3,4,5", "lamp=nan", "lamp=1,1,1,-1"] {
+            assert!(parse_light(bad).is_err(), "{bad}");
+        }
     }
 
     #[test]

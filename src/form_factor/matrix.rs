@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// Sparse rows by patch. Two parts: what is seen directly, and what is seen through mirrors and glass (extended form factors,
 /// [Sillion89]), which is coloured.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct FormFactorMatrix {
     pub(super) start: Vec<usize>,
     pub(super) column: Vec<u32>,

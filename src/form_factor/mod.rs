@@ -21,7 +21,7 @@ use crate::math::Rgb;
 use serde::Serialize;
 
 /// What the rows looked like before anything was corrected: the honest quality of the form factors.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, serde::Deserialize)]
 pub struct Closure {
     /// Smallest sum of a row, what escapes included. 1 in theory.
     pub row_sum_min: f64,

@@ -3,7 +3,7 @@
 use crate::math::Rgb;
 
 /// By patch, whatever its form factors are kept as.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct Outside {
     escaped: Vec<[f32; 3]>,
     truncated: Vec<[f32; 3]>,
@@ -12,7 +12,7 @@ pub struct Outside {
 }
 
 /// The same of one patch.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub struct OutsideRow {
     /// Share that leaves the scene, per channel (coloured by what it passed).
     pub escaped: [f32; 3],
@@ -31,6 +31,16 @@ impl Outside {
         self.truncated.push(row.truncated);
         self.arriving.push(row.arriving);
         self.accepted.push(row.accepted);
+    }
+
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.escaped.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.escaped.is_empty()
     }
 
     /// Mean radiance [W/(m² sr)] over the rays of row i that comes from emitters without reflection by a patch, except what row i sees

@@ -4,7 +4,7 @@ use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy};
 use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub enum Stored {
     /// Sparse rows.
     Rows(FormFactorMatrix),

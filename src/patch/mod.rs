@@ -11,7 +11,7 @@ pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
 use crate::math::{Rgb, Vec2, Vec3, warp};
-use crate::scene::ShapeSurface;
+use crate::scene::{Scene, Shape, ShapeSurface};
 use crate::world::{SurfaceInteraction, World};
 use cuts::Cutters;
 use std::f64::consts::PI;
@@ -25,11 +25,11 @@ const BORDER_MARGIN: f64 = 1e-6;
 const SMALLEST_CUT: f64 = 1.0 / 64.0;
 
 /// Index of a patch.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 pub struct PatchId(pub u32);
 
 /// How finely the scene is cut.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PatchSettings {
     /// Edge length of a patch in scene units; `None`: chosen so that the scene's area makes about `elements`.
     pub patch_size: Option<f64>,
@@ -67,7 +67,7 @@ pub enum PatchError {
 }
 
 /// A triangle of an element: corners as barycentric weights on one triangle primitive, or one cell of a sphere's grid.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 enum Piece {
     /// `inset` is the factor by which the corners were moved towards the middle of their polygon; areas are those without it.
     Triangle {
@@ -85,7 +85,7 @@ enum Piece {
 }
 
 /// A piece of surface that is one patch on each side that reflects or emits.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 struct Element {
     pieces: std::ops::Range<u32>,
     front: Option<PatchId>,
@@ -93,7 +93,7 @@ struct Element {
 }
 
 /// How a primitive finds its element.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 enum Lookup {
     None,
     Whole(u32),
@@ -102,6 +102,7 @@ enum Lookup {
 }
 
 /// All patches, as arrays.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct PatchMesh {
     /// Area [m²].
     pub area: Vec<f64>,
@@ -132,7 +133,7 @@ impl PatchMesh {
     /// # Errors
     /// [`PatchError::TooMany`] before anything large is made.
     pub fn build(world: &World, settings: &PatchSettings) -> Result<PatchMesh, PatchError> {
-        let relevant: Vec<bool> = world.scene().shapes.iter().map(|s| needs_patches(world, s)).collect();
+        let relevant: Vec<bool> = world.scene().shapes.iter().map(|s| needs_patches(world.scene(), s)).collect();
         let total: f64 = world.scene().shapes.iter().zip(&relevant).filter(|(_, r)| **r).map(|(s, _)| s.area()).sum();
         let patch_size = settings.patch_size.unwrap_or_else(|| (total / settings.elements).sqrt());
         let estimate = total / (patch_size * patch_size);
@@ -181,13 +182,19 @@ impl PatchMesh {
 
     /// For each patch: true if the lamp it belongs to is found by shadow rays, so that form factors must not carry its emission.
     pub fn found_by_shadow_rays(&self, world: &World) -> Vec<bool> {
-        let shape = |element: u32| {
-            let first = self.elements[element as usize].pieces.start as usize;
-            match self.pieces[first] {
-                Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
-            }
-        };
-        self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
+        self.shapes(world).into_iter().map(|shape| world.partition().found_by_shadow_rays(shape)).collect()
+    }
+
+    /// For each patch the index of its shape.
+    pub fn shapes(&self, world: &World) -> Vec<usize> {
+        self.element_of.iter().map(|&e| self.shape_of(world, e)).collect()
+    }
+
+    fn shape_of(&self, world: &World, element: u32) -> usize {
+        let first = self.elements[element as usize].pieces.start as usize;
+        match self.pieces[first] {
+            Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
+        }
     }
 
     fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {
@@ -331,7 +338,8 @@ impl PatchMesh {
     }
 }
 
-fn needs_patches(world: &World, shape: &crate::scene::Shape) -> bool {
-    let material = &world.scene().material_of(shape).material;
+/// True if a shape has patches: it emits, or some of it reflects diffusely.
+pub fn needs_patches(scene: &Scene, shape: &Shape) -> bool {
+    let material = &scene.material_of(shape).material;
     shape.emits() || material.has_diffuse()
 }

@@ -1,13 +1,17 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
 pub mod cost;
+pub mod direct;
+pub mod keys;
 pub mod pass_one;
 pub mod probe;
 mod progressive;
+pub mod solution_file;
 pub mod surface_points;
 
 pub use cost::{StageCost, StageCosts};
-pub use pass_one::{PassOne, PassOneSettings};
+pub use direct::LampWeight;
+pub use pass_one::{Kept, PassOne, PassOneSettings, Whole};
 
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
@@ -178,12 +182,45 @@ pub fn render(
     render_world(world, settings, clocks, watch, observer, snapshot)
 }
 
+/// Pass two over a kept solution, for a scene whose lamps were made `weights` times as strong.
+///
+/// The settings of pass one in `settings` are to be those of the solution. Otherwise as [`render`].
+///
+/// # Errors
+/// [`PipelineError`] if there is nothing to show.
+pub fn render_kept(
+    scene: Scene,
+    settings: &RenderSettings,
+    (kept, weights): (Whole, &[LampWeight]),
+    clocks: &Clocks,
+    observer: &mut Observer<'_>,
+    snapshot: &mut Snapshot<'_>,
+) -> Result<Rendered, PipelineError> {
+    let mut watch = StageCosts::default();
+    frame_of(&scene, settings)?;
+    let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
+    let pass_one = watch.time(Stage::Patches, || kept.weighted(&world, weights));
+    render_over((world, Some(pass_one)), settings, clocks, watch, observer, snapshot)
+}
+
 /// Both passes over a world that is ready; `watch` holds what making it cost.
 ///
 /// # Errors
 /// As [`render`].
 pub fn render_world(
     world: World,
+    settings: &RenderSettings,
+    clocks: &Clocks,
+    watch: StageCosts,
+    observer: &mut Observer<'_>,
+    snapshot: &mut Snapshot<'_>,
+) -> Result<Rendered, PipelineError> {
+    render_over((world, None), settings, clocks, watch, observer, snapshot)
+}
+
+/// Both passes, or the second over a first one that is there.
+fn render_over(
+    (world, given): (World, Option<PassOne>),
     settings: &RenderSettings,
     clocks: &Clocks,
     mut watch: StageCosts,
@@ -203,7 +240,9 @@ pub fn render_world(
     let progressive = read_out == Some(ReadOut::Progressive);
     let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
     let first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
-    let mut pass_one = if needs_pass_one {
+    let mut pass_one = if given.is_some() {
+        given.filter(|_| needs_pass_one)
+    } else if needs_pass_one {
         Some(pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer)?)
     } else {
         None
@@ -256,11 +295,26 @@ pub fn solve(scene: Scene, settings: &RenderSettings, observer: &mut Observer<'_
 pub fn solve_world(
     world: World,
     settings: &RenderSettings,
+    costs: StageCosts,
+    observer: &mut Observer<'_>,
+) -> Result<Solved, PipelineError> {
+    solve_from(world, settings, Kept::default(), costs, observer)
+}
+
+/// Pass one alone, as far as it is not `kept` from an earlier run.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_from(
+    world: World,
+    settings: &RenderSettings,
+    kept: Kept,
     mut costs: StageCosts,
     observer: &mut Observer<'_>,
 ) -> Result<Solved, PipelineError> {
     let mut counts = RayCounts::default();
-    let pass_one = pass_one::solve(&world, &settings.pass_one, settings.seed, &mut costs, &mut counts, observer)?;
+    let settings = (&settings.pass_one, settings.seed);
+    let pass_one = pass_one::solve_from(&world, settings, kept, &mut costs, &mut counts, observer)?;
     Ok(Solved { world, pass_one, counts, stages: costs.stages })
 }
 

@@ -81,6 +81,26 @@ impl World {
         respond: impl Fn(&ShadowRay) -> Scattering,
     ) -> Scattering {
         let mut sum = Scattering::default();
+        self.direct_by_light(si, receiver, sampling, sampler, counts, respond, |_, found| {
+            sum.diffuse += found.diffuse;
+            sum.glossy += found.glossy;
+        });
+        sum
+    }
+
+    /// The same, light by light: `found` gets the index of a light in the scene and what one ray to it found.
+    #[inline]
+    #[expect(clippy::too_many_arguments, reason = "those of direct, and who listens")]
+    pub fn direct_by_light(
+        &self,
+        si: &SurfaceInteraction,
+        receiver: Option<Vec3>,
+        sampling: DirectSampling,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        respond: impl Fn(&ShadowRay) -> Scattering,
+        mut found: impl FnMut(usize, Scattering),
+    ) {
         let mut add = |light: usize, picked: f64, u: Vec2| {
             let Some(sample) = self.scene.lights[light].sample(si.point, receiver, u) else { return };
             let surroundings = self.partition.environment() == Some(light);
@@ -91,8 +111,7 @@ impl World {
             }
             counts.shadow += 1;
             let arriving = self.transmittance(&shadow_ray(si, &sample)) * sample.irradiance / picked;
-            sum.diffuse += response.diffuse * arriving;
-            sum.glossy += response.glossy * arriving;
+            found(light, Scattering { diffuse: response.diffuse * arriving, glossy: response.glossy * arriving });
         };
         let lights = self.partition.shadow_lights();
         if lights.len() <= sampling.lights_per_point {
@@ -105,7 +124,6 @@ impl World {
             self.pick_lights(si.point, receiver, picks, shift, |pick, light, expected| add(light, expected, us[pick]));
         }
         self.partition.distant_lights().iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
-        sum
     }
 
     /// Rough unoccluded irradiance by which lights are picked.

@@ -29,6 +29,7 @@ mod material_laws;
 mod metrics;
 mod patches;
 mod path;
+mod solution_file;
 mod solvers;
 mod specular;
 mod stability;

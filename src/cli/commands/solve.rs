@@ -10,36 +10,57 @@ use crate::cli::{report, scene_file};
 use std::io::Write as _;
 use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
-use twopass::pipeline::{self, Solved, surface_points};
-use twopass::progress::Stage;
+use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::solution_file::{self, Meta, SolutionFile};
+use twopass::pipeline::{self, Kept, PipelineError, RenderSettings, Solved, StageCosts, surface_points};
+use twopass::progress::{Observer, Stage};
 use twopass::run_report::{RunReport, StopReason, Stopwatch};
+use twopass::scene::Scene;
+use twopass::world::World;
 
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
-    for path in [common.report.as_deref(), args.irradiance.as_deref()].into_iter().flatten() {
+    for path in [common.report.as_deref(), args.irradiance.as_deref(), args.output.as_deref()].into_iter().flatten() {
         probe_writable(path)?;
     }
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, &args.scene, &args.source)?;
-    let settings = render_settings(common, &args.pass_one, None);
+    let mut settings = render_settings(common, &args.pass_one, None);
+    settings.pass_one.by_light = args.output.is_some();
+    let meta = Meta { settings: settings.pass_one, seed: settings.seed };
+    let keys = args.output.as_ref().map(|_| StageKeys::of(&loaded.scene, &meta.settings, meta.seed));
+    let old = args.output.as_deref().filter(|path| path.exists()).map(SolutionFile::read).transpose()?;
+    let kept = match (&old, &keys) {
+        (Some(old), Some(keys)) => old.still_good(keys)?,
+        _ => Kept::default(),
+    };
     let mut run_report = report::begin(common, &loaded, "solve", watch.elapsed());
     report::set_pass_one(&mut run_report, &args.pass_one);
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let solved = pipeline::solve(loaded.scene, &settings, &mut observer);
+    let solved = solve(loaded.scene, &settings, kept, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
     report::add_pass_one(common, &mut run_report, &solved.pass_one);
     run_report.complete = solved.pass_one.solution.converged;
     run_report.stopped_by = if run_report.complete { StopReason::Finished } else { StopReason::NotConverged };
+    if let (Some(path), Some(keys)) = (&args.output, &keys) {
+        run_report.time(Stage::Write, || solution_file::write(path, meta, keys, &solved.pass_one, old.as_ref()))?;
+    }
     if let Some(path) = &args.irradiance {
         run_report.time(Stage::Write, || write_irradiance(path, &solved, args.points))?;
     }
     report::finish(common, &mut run_report)?;
     print(&summary(&run_report))?;
     report::verdict(&run_report, &interrupt, "")
+}
+
+fn solve(scene: Scene, settings: &RenderSettings, kept: Kept, observer: &mut Observer<'_>) -> Result<Solved, PipelineError> {
+    let mut costs = StageCosts::default();
+    let world = costs.time(Stage::Tree, || World::new(scene, settings.accel))?;
+    pipeline::solve_from(world, settings, kept, costs, observer)
 }
 
 /// A line for each point: place, normal, irradiance; the last three are empty in a gap between patches.
@@ -59,7 +80,8 @@ fn write_irradiance(path: &Path, solved: &Solved, n: u32) -> Result<(), WriteErr
 /// `name value` lines.
 fn summary(run_report: &RunReport) -> String {
     let mut lines: Vec<(&str, String)> = Vec::new();
-    for name in ["patches", "form_factors", "form_factor_rays", "shadow_rays"] {
+    for name in ["patches", "patches_kept", "form_factors", "form_factors_kept", "form_factor_rays", "shadow_rays", "sweeps_kept"]
+    {
         lines.push((name, run_report.counters.get(name).copied().unwrap_or(0).to_string()));
     }
     if let Some(closure) = &run_report.closure {

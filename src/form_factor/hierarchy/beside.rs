@@ -21,7 +21,7 @@ const GROUPS: usize = 8192;
 const LARGEST_GROUP: usize = 64;
 
 /// Rows of groups: those through surfaces that are no patches, and those off the gloss of patches.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct Beside {
     /// Group of each place.
     group: Vec<u32>,
@@ -32,7 +32,7 @@ pub struct Beside {
     weight: Vec<f64>,
 }
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 struct Rows {
     start: Vec<usize>,
     column: Vec<u32>,
@@ -40,7 +40,7 @@ struct Rows {
 }
 
 /// What rays of a group saw, past surfaces that are no patches and off patches.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 struct Seen {
     /// Share of rays that met no patch first.
     elsewhere: f64,

@@ -55,7 +55,7 @@ impl HierarchySettings {
 }
 
 /// The links, ready to be multiplied with.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Hierarchy {
     /// Nodes in preorder, so that children follow their parents.
     nodes: Vec<Span>,
@@ -80,7 +80,7 @@ pub struct Hierarchy {
 }
 
 /// What multiplying needs of a node.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Span {
     area: f64,
     first: u32,

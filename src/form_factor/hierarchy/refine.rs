@@ -22,7 +22,7 @@ const MOST_RAYS: u32 = 64;
 const VISIBILITY_SHARE: f64 = 2.0;
 
 /// Transfer between all patches of two nodes, in both directions.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Link {
     /// The first node; its index is not larger than the second's.
     pub first: u32,
