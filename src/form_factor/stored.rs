@@ -9,7 +9,7 @@ pub enum Stored {
     /// Sparse rows.
     Rows(FormFactorMatrix),
     /// Links between groups of patches.
-    Links(Hierarchy),
+    Links(Box<Hierarchy>),
 }
 
 impl Stored {
@@ -56,7 +56,7 @@ impl Stored {
     fn operator(&self) -> &dyn FormFactors {
         match self {
             Stored::Rows(matrix) => matrix,
-            Stored::Links(links) => links,
+            Stored::Links(links) => &**links,
         }
     }
 }

@@ -386,7 +386,7 @@ impl FormFactorRays {
             }
             Self::Links(settings) => {
                 let (links, outside) = hierarchy::link(world, patches, settings, counts, observer)?;
-                (Stored::Links(links), outside)
+                (Stored::Links(Box::new(links)), outside)
             }
         })
     }

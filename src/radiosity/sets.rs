@@ -112,7 +112,8 @@ fn separate(system: &RadiositySystem<'_>, lit: &[bool]) -> Vec<Vec<usize>> {
         i
     }
     system.form_factors.join(&mut |i, j| {
-        if lit[i] {
+        // Most pairs are in one set and known to be.
+        if lit[i] && towards[i] != towards[j] {
             let (a, b) = (root(&mut towards, i), root(&mut towards, j));
             towards[a.max(b)] = a.min(b);
         }
