@@ -49,6 +49,10 @@ const GROUP_RAYS: f64 = 512.0;
 impl HierarchySettings {
     /// Links within `tolerance`, and rays in inverse proportion to it. `shadow_rays`: those that a patch of the full size sends.
     pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
+        let gr: Option<f64> = std::env::var("TP_GR").ok().and_then(|v| v.parse().ok());
+        if let Some(r) = gr {
+            return Self { tolerance, rays: r as u32, max_events: 64, rays_beside_shadow_rays: 16.0, seed };
+        }
         let rays = ((GROUP_RAYS * 1e-3 / tolerance).clamp(64.0, 65536.0) as u32).next_power_of_two();
         Self { tolerance, rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
     }
@@ -278,6 +282,21 @@ impl FormFactors for Hierarchy {
             at = if place < self.nodes[second].first { at + 1 } else { second };
         }
         self.beside.row(place as usize, visit);
+    }
+
+    fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
+        let patch = |place: u32| self.patch[place as usize] as usize;
+        // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first.
+        let mut joined = 0;
+        for (at, node) in self.nodes.iter().enumerate().filter(|(at, _)| self.start[*at] < self.start[*at + 1]) {
+            if node.first >= joined {
+                joined = node.first + node.count;
+                (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
+            }
+            let others = &self.other[self.start[at]..self.start[at + 1]];
+            others.iter().for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
+        }
+        self.beside.join(&self.patch, pair);
     }
 
     fn is_reciprocal(&self) -> bool {

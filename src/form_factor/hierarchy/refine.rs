@@ -21,6 +21,9 @@ const MOST_RAYS: u32 = 64;
 /// The error that visibility leaves to a form factor may be this many times that of its kernel: it is random, and averages out.
 const VISIBILITY_SHARE: f64 = 2.0;
 
+/// What a wall parts is linked as one only if what passes is below this share of the tolerance: all such links err alike.
+const TORN_SHARE: f64 = 1.0 / 16.0;
+
 /// Transfer between all patches of two nodes, in both directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
@@ -129,11 +132,19 @@ impl Refinement<'_> {
                 _ => Verdict::Within([(p + 1, p + 1), (a.second, a.second), (p + 1, a.second)]),
             };
         }
-        let Some(Variation { kernel, first_weighs_more }) = kernel::variation(a, b, self.tree.flat) else {
+        let Some(Variation { kernel, most, mut first_weighs_more }) = kernel::variation(a, b, self.tree.flat) else {
             return Verdict::Apart;
         };
-        if (a.is_leaf() && b.is_leaf()) || kernel * a.area.max(b.area) <= self.tolerance {
+        if a.is_leaf() && b.is_leaf() {
             return Verdict::Linked;
+        }
+        let larger = a.area.max(b.area);
+        if kernel * larger <= self.tolerance {
+            let torn = [p, q].map(|at| self.tree.torn[at as usize]);
+            if !(torn[0] || torn[1]) || most * larger <= self.tolerance * TORN_SHARE {
+                return Verdict::Linked;
+            }
+            first_weighs_more = torn[0] && (!torn[1] || a.radius >= b.radius);
         }
         // Indices of pairs stay in order, so that a link is known by its nodes alone.
         let ordered = |x: u32, y: u32| (x.min(y), x.max(y));
@@ -158,7 +169,11 @@ impl Refinement<'_> {
         }
         // Standard error of a share is at most 1/(2 sqrt n).
         let wanted = (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2);
-        let n = (wanted.ceil() as u32).clamp(FEWEST_RAYS, MOST_RAYS);
+        let knob = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+        static K: std::sync::OnceLock<[f64; 3]> = std::sync::OnceLock::new();
+        let [lo, vs, hi] = *K.get_or_init(|| [knob("TP_MIN", 4.0), knob("TP_VS", 2.0), knob("TP_MAX", 64.0)]);
+        let wanted = wanted * (2.0 / vs).powi(2);
+        let n = (wanted.ceil() as u32).clamp(lo as u32, hi as u32);
         whole * self.visible_share(p as usize, q as usize, n, rays)
     }
 

@@ -3,7 +3,7 @@
 //! It is binary and made from the top: groups are parted by direction until they face alike, then across their longest side, where sides
 //! along the normal count more, so that a table and the floor below it part early. Flat nodes have kernels that vary little.
 
-use crate::geometry::Bounds;
+use crate::geometry::{Bounds, Ray, offset_origin};
 use crate::math::{Sampler, Vec3};
 use crate::patch::{PatchId, PatchMesh, outline};
 use crate::world::World;
@@ -15,6 +15,8 @@ pub const SPOTS: usize = 4;
 const ALIKE: f32 = 0.75;
 /// Extents along the mean normal count this much more than those across, when it is decided where to part.
 const ALONG_NORMAL: f32 = 3.0;
+/// Height above a node, in its radii, at which its parts should see each other.
+const TORN_HEIGHT: f32 = 0.25;
 /// Normals that differ by less are one: rounding [rad].
 const ONE_NORMAL: f32 = 2e-3;
 /// A point of a surface, as links see it.
@@ -75,6 +77,8 @@ pub struct Tree {
     pub spots: Vec<[Spot; SPOTS]>,
     /// Running area up to and including each place [m²].
     pub running: Vec<f64>,
+    /// True for nodes whose two parts do not see the same: a wall stands between them.
+    pub torn: Vec<bool>,
     /// Smallest height above a plane that counts [m].
     pub flat: f32,
 }
@@ -97,6 +101,7 @@ impl Tree {
             centred: Vec::with_capacity((2 * n).saturating_sub(1)),
             spots: Vec::with_capacity(n),
             running: Vec::with_capacity(n),
+            torn: Vec::new(),
             flat: 1e-6 * world.bounds().diagonal(),
         };
         let mut order = std::mem::take(&mut tree.patch);
@@ -114,6 +119,7 @@ impl Tree {
             let spots = tree.centred_spots(at);
             tree.centred.push(spots);
         }
+        tree.torn = (0..tree.nodes.len()).into_par_iter().with_min_len(256).map(|at| tree.is_torn(world, at)).collect();
         tree
     }
 
@@ -156,6 +162,28 @@ impl Tree {
         let shift = node.center - spots.iter().map(|s| s.point).sum::<Vec3>() / SPOTS as f32;
         spots.iter_mut().for_each(|s| s.point += shift);
         spots
+    }
+}
+
+impl Tree {
+    /// True if what stands on node `at` hides its two parts from each other, for most of some points above them.
+    fn is_torn(&self, world: &World, at: usize) -> bool {
+        let node = &self.nodes[at];
+        if node.is_leaf() {
+            return false;
+        }
+        let height = TORN_HEIGHT * node.radius;
+        let above = |spot: &Spot| {
+            let off = offset_origin(spot.point, Vec3::splat(spot.lift), spot.normal, spot.normal);
+            let raised = off + spot.normal * height;
+            (!world.occluded(&Ray::between(off, raised))).then_some(raised)
+        };
+        let hidden = (0..SPOTS).filter(|&k| {
+            let share = (k as f64 + 0.5) / SPOTS as f64;
+            let (a, b) = (self.spot(at + 1, share, k), self.spot(node.second as usize, share, k + k / 2));
+            above(a).zip(above(b)).is_none_or(|(a, b)| world.occluded(&Ray::between(a, b)))
+        });
+        2 * hidden.count() >= SPOTS
     }
 }
 
