@@ -69,7 +69,7 @@ pub fn add_pass_one(report: &mut RunReport, pass_one: &PassOne) {
     report.count("patches", pass_one.field.patches.len() as u64);
     report.count("form_factors", pass_one.form_factors.n_nonzero() as u64);
     report.count("sweeps", pass_one.solution.sweeps.into());
-    let raw = pass_one.form_factors.closure;
+    let raw = pass_one.form_factors.closure();
     report.closure = Some(Closure {
         raw_row_sum_min: raw.row_sum_min,
         raw_row_sum_max: raw.row_sum_max,

@@ -16,14 +16,6 @@ pub struct FormFactorMatrix {
     pub(super) specular_start: Vec<usize>,
     pub(super) specular_column: Vec<u32>,
     pub(super) specular_factor: Vec<[f32; 3]>,
-    /// Share of each row that leaves the scene, per channel (coloured by what it passed).
-    pub(super) escaped: Vec<[f32; 3]>,
-    /// Share of each row that the limit of specular events cut.
-    pub(super) truncated: Vec<[f32; 3]>,
-    /// Mean radiance that each row receives of emitters it does not see directly.
-    pub(super) arriving: Vec<Rgb>,
-    /// The same, weighted by what the diffuse part of the row's patch makes of each direction.
-    pub(super) accepted: Vec<Rgb>,
     /// Quality before correction.
     pub closure: Closure,
 }
@@ -35,14 +27,6 @@ pub struct Row {
     pub direct: Vec<(u32, f32)>,
     /// Patches seen through specular surfaces, by rising patch.
     pub specular: Vec<(u32, [f32; 3])>,
-    /// Share that escapes.
-    pub escaped: [f32; 3],
-    /// Share that was cut by the limit of specular events.
-    pub truncated: [f32; 3],
-    /// Mean radiance from emitters that are not seen directly.
-    pub arriving: Rgb,
-    /// The same, weighted by what the diffuse part of the patch makes of each direction.
-    pub accepted: Rgb,
 }
 
 impl FormFactorMatrix {
@@ -56,10 +40,6 @@ impl FormFactorMatrix {
             matrix.factor.extend(row.direct.iter().map(|e| e.1));
             matrix.specular_column.extend(row.specular.iter().map(|e| e.0));
             matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
-            matrix.escaped.push(row.escaped);
-            matrix.truncated.push(row.truncated);
-            matrix.arriving.push(row.arriving);
-            matrix.accepted.push(row.accepted);
             matrix.row_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
@@ -74,7 +54,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 96 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 24 * self.len()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.
@@ -92,34 +72,15 @@ impl FormFactorMatrix {
         self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j as usize, Rgb::from(*f)))
     }
 
-    /// Mean radiance [W/(m² sr)] over the rays of row i that comes from emitters without reflection by a patch, except what row i sees
-    /// directly of glowing patches: from the surroundings, and by way of specular and glossy surfaces.
-    #[inline]
-    pub fn arriving(&self, i: usize) -> Rgb {
-        self.arriving[i]
-    }
-
-    /// [`Self::arriving`] weighted by what the diffuse part of the patch makes of each direction, over its mean.
-    #[inline]
-    pub fn accepted(&self, i: usize) -> Rgb {
-        self.accepted[i]
-    }
-
-    /// Share of row i that leaves the scene.
-    #[inline]
-    pub fn escaped(&self, i: usize) -> Rgb {
-        self.escaped[i].into()
-    }
-
-    /// Share of row i that the limit of specular events cut.
-    #[inline]
-    pub fn truncated(&self, i: usize) -> Rgb {
-        self.truncated[i].into()
-    }
-
     /// Sum of the direct entries of row i.
     pub fn direct_sum(&self, i: usize) -> f64 {
         self.direct(i).map(|(_, f)| f).sum()
+    }
+
+    /// out_i = sum_j F_ij x_j over what is seen directly, in parallel.
+    pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
+        let direct = |i: usize| self.direct(i).map(|(j, f)| x[j] * f).sum();
+        out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| *out = direct(i));
     }
 
     /// Measures reciprocity, then makes the direct part symmetric in A_i F_ij and scales it back to the row sums it had.
@@ -180,7 +141,7 @@ impl FormFactorMatrix {
 
 impl FormFactors for FormFactorMatrix {
     fn len(&self) -> usize {
-        self.escaped.len()
+        self.row_scale.len()
     }
 
     fn gather(&self, x: &[Rgb], out: &mut [Rgb]) {

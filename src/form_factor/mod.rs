@@ -4,10 +4,14 @@
 
 pub mod analytic;
 pub mod matrix;
+pub mod outside;
 pub mod polygon;
 pub mod ray_cast;
+pub mod stored;
 
 pub use matrix::FormFactorMatrix;
+pub use outside::Outside;
+pub use stored::Stored;
 
 use crate::math::Rgb;
 use serde::Serialize;

@@ -1,8 +1,8 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::FormFactorMatrix;
 use crate::form_factor::ray_cast::{self, RayCastSettings};
+use crate::form_factor::{Outside, Stored};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
@@ -39,7 +39,9 @@ pub struct PassOne {
     /// What pass two reads.
     pub field: RadiosityField,
     /// Form factors.
-    pub form_factors: FormFactorMatrix,
+    pub form_factors: Stored,
+    /// What patches see besides each other.
+    pub outside: Outside,
     /// How the system was solved.
     pub solution: Solution,
     /// Where the light went.
@@ -80,17 +82,18 @@ pub fn solve(
     let shadow =
         watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, ray_cast.rays_beside_shadow_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
-    let form_factors = watch
+    let (rows, outside) = watch
         .time(Stage::FormFactors, || ray_cast::cast(world, &patches, &ray_cast, counts, observer))
         .ok_or(PipelineError::Stopped)?;
-    let gathered = gathered_irradiance(world, &patches, &form_factors);
+    let form_factors = Stored::Rows(rows);
+    let gathered = gathered_irradiance(world, &patches, &form_factors, &outside);
     let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| a.accepted + b.accepted).collect();
     let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
     let solution = watch.time(Stage::Solve, || gauss_seidel::solve(&system, &settings.solver, observer))?;
     let indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
     let field = RadiosityField::new(patches, shadow, gathered, indirect);
-    let power = balance(world, &field, &form_factors);
-    Ok(PassOne { field, form_factors, solution, power })
+    let power = balance(world, &field, &outside);
+    Ok(PassOne { field, form_factors, outside, solution, power })
 }
 
 fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), PipelineError> {
@@ -139,18 +142,20 @@ fn direct_irradiance(world: &World, patches: &PatchMesh, gather_rays: f64, seed:
 
 /// Irradiance of each patch by light that only form factors find: glowing walls, the surroundings, and any emitter seen through
 /// mirrors or glass.
-fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix) -> Vec<Incident> {
+fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &Stored, outside: &Outside) -> Vec<Incident> {
     let by_shadow_rays = patches.found_by_shadow_rays(world);
-    (0..patches.len())
-        .map(|i| {
-            let walls: Rgb =
-                form_factors.direct(i).filter(|(j, _)| !by_shadow_rays[*j]).map(|(j, f)| patches.exitance[j] * f).sum();
-            Incident { irradiance: walls + form_factors.arriving(i) * PI, accepted: walls + form_factors.accepted(i) * PI }
-        })
-        .collect()
+    let exitance = patches.exitance.iter().zip(by_shadow_rays);
+    let glowing: Vec<Rgb> = exitance.map(|(e, by_shadow_rays)| if by_shadow_rays { Rgb::BLACK } else { *e }).collect();
+    let mut walls = vec![Rgb::BLACK; patches.len()];
+    form_factors.gather_direct(&glowing, &mut walls);
+    let incident = |(i, walls): (usize, Rgb)| Incident {
+        irradiance: walls + outside.arriving(i) * PI,
+        accepted: walls + outside.accepted(i) * PI,
+    };
+    walls.into_iter().enumerate().map(incident).collect()
 }
 
-fn balance(world: &World, field: &RadiosityField, form_factors: &FormFactorMatrix) -> PowerBalance {
+fn balance(world: &World, field: &RadiosityField, outside: &Outside) -> PowerBalance {
     let patches = &field.patches;
     let total = |v: Rgb| v.r + v.g + v.b;
     let emitted = total(world.scene().power());
@@ -159,8 +164,8 @@ fn balance(world: &World, field: &RadiosityField, form_factors: &FormFactorMatri
         let a = patches.area[i];
         let leaves = field.radiosity(i);
         absorbed += a * total(field.irradiance_of(i) + patches.exitance[i] - leaves);
-        escaped += a * total(form_factors.escaped(i) * leaves);
-        truncated += a * total(form_factors.truncated(i) * leaves);
+        escaped += a * total(outside.escaped(i) * leaves);
+        truncated += a * total(outside.truncated(i) * leaves);
     }
     // Of light from infinitely far away a scene takes what it takes: nothing is known to compare with.
     let is_known = world.scene().environment.is_none() && world.scene().lights.iter().all(|light| !light.is_distant());

@@ -243,7 +243,8 @@ fn factors(check: &Check) -> Dealt {
         }
         _ => {
             let pass_one = solve_gathered(furnace(0.5).scene().expect("valid"), &quick(1, 0.5)).expect("solves").pass_one;
-            let (matrix, patches) = (&pass_one.form_factors, &pass_one.field.patches);
+            let matrix = pass_one.form_factors.rows().expect("cast rays are kept as rows");
+            let patches = &pass_one.field.patches;
             for i in 0..matrix.len() {
                 for (j, f) in matrix.direct(i) {
                     let power = patches.area[i] * f;

@@ -55,7 +55,9 @@ fn enclosure(shape: &str, rho: f64) -> Room {
 /// Irradiance from emission alone, all emitters being found by form factors.
 fn emitted_source(pass_one: &PassOne) -> Vec<Rgb> {
     let (factors, exitance) = (&pass_one.form_factors, &pass_one.field.patches.exitance);
-    (0..factors.len()).map(|i| factors.direct(i).map(|(j, f)| exitance[j] * f).sum()).collect()
+    let mut source = vec![Rgb::BLACK; factors.len()];
+    factors.gather_direct(exitance, &mut source);
+    source
 }
 
 /// Largest relative error of the irradiance of any patch.
@@ -207,7 +209,7 @@ pub fn tiny_emitter(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         source[0] = Rgb::grey(1e6);
         let dense = (0..n).map(|i| {
             let mut row = vec![0.0; n + 1];
-            factors.direct(i).for_each(|(j, f)| row[j] -= f * patches.rho[j].g);
+            factors.row(i, &mut |j, f| row[j] -= f.g * patches.rho[j].g);
             row[i] += 1.0;
             row[n] = source[i].g;
             row

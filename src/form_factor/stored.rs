@@ -1,0 +1,72 @@
+//! Form factors in the form in which a run keeps them.
+
+use super::{Closure, FormFactorMatrix, FormFactors};
+use crate::math::Rgb;
+
+/// One variant for each way of keeping them.
+#[derive(Debug, Clone)]
+pub enum Stored {
+    /// Sparse rows.
+    Rows(FormFactorMatrix),
+}
+
+impl Stored {
+    /// The rows, if they are kept as such.
+    pub fn rows(&self) -> Option<&FormFactorMatrix> {
+        match self {
+            Stored::Rows(matrix) => Some(matrix),
+        }
+    }
+
+    /// out_i = sum_j F_ij x_j over what is seen directly, in parallel: the same bits on any number of threads.
+    pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
+        match self {
+            Stored::Rows(matrix) => matrix.gather_direct(x, out),
+        }
+    }
+
+    /// Number of entries above zero.
+    pub fn n_nonzero(&self) -> usize {
+        match self {
+            Stored::Rows(matrix) => matrix.n_nonzero(),
+        }
+    }
+
+    /// Bytes held.
+    pub fn memory_bytes(&self) -> usize {
+        match self {
+            Stored::Rows(matrix) => matrix.memory_bytes(),
+        }
+    }
+
+    /// Quality before correction.
+    pub fn closure(&self) -> Closure {
+        match self {
+            Stored::Rows(matrix) => matrix.closure,
+        }
+    }
+
+    fn operator(&self) -> &dyn FormFactors {
+        match self {
+            Stored::Rows(matrix) => matrix,
+        }
+    }
+}
+
+impl FormFactors for Stored {
+    fn len(&self) -> usize {
+        self.operator().len()
+    }
+
+    fn gather(&self, x: &[Rgb], out: &mut [Rgb]) {
+        self.operator().gather(x, out);
+    }
+
+    fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
+        self.operator().row(i, visit);
+    }
+
+    fn is_reciprocal(&self) -> bool {
+        self.operator().is_reciprocal()
+    }
+}
