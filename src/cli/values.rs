@@ -1,6 +1,7 @@
 //! Values of flags: text to number, with a message that says what was expected.
 
 use std::str::FromStr;
+use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
 
@@ -92,6 +93,15 @@ pub fn parse_finite(text: &str) -> Result<f64, String> {
 pub fn parse_method(text: &str) -> Result<Method, String> {
     let names = Method::ALL.map(Method::name).join(", ");
     Method::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
+/// Parses the name of a method of form factors.
+pub fn parse_form_factors(text: &str) -> Result<FormFactorMethod, String> {
+    match (FormFactorMethod::by_name(text), text) {
+        (Some(method), _) => Ok(method),
+        (None, "hierarchical") => Err("not delivered in this version; expected analytic, hemicube or ray-cast".to_owned()),
+        (None, _) => Err("expected analytic, hemicube or ray-cast".to_owned()),
+    }
 }
 
 /// Parses the name of a read-out.

@@ -9,7 +9,7 @@ mod measure;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
-use crate::math::{Rgb, Vec2, Vec3, warp};
+use crate::math::{DVec3, Rgb, Vec2, Vec3, warp};
 use crate::scene::ShapeSurface;
 use crate::world::{SurfaceInteraction, World};
 use cuts::Cutters;
@@ -187,6 +187,35 @@ impl PatchMesh {
             }
         };
         self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
+    }
+
+    /// The convex polygons of patch `id` in coordinates of the scene, counter-clockwise as seen from its side; `None` if it is curved. Their
+    /// corners are as exact as the patch's own, to about 1e-7 of the triangle they are cut from.
+    pub fn polygons(&self, world: &World, id: PatchId) -> Option<Vec<Vec<DVec3>>> {
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let mut polygons: Vec<(u32, f64, Vec<DVec3>)> = Vec::new();
+        for piece in &self.pieces[element.pieces.start as usize..element.pieces.end as usize] {
+            let Piece::Triangle { primitive, corners, inset } = *piece else { return None };
+            let [a, b, c] = world.soup().corners(primitive as usize).map(|c| c.as_dvec3());
+            let place = |w: [f32; 2]| a + (b - a) * f64::from(w[0]) + (c - a) * f64::from(w[1]);
+            // Pieces of one primitive are the fan of one polygon, all drawn in by the same factor.
+            match polygons.last_mut().filter(|(of, ..)| *of == primitive) {
+                Some((.., polygon)) => polygon.push(place(corners[2])),
+                None => polygons.push((primitive, f64::from(inset), corners.map(place).to_vec())),
+            }
+        }
+        let restored = polygons.into_iter().map(|(primitive, inset, mut polygon)| {
+            let middle = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
+            polygon.iter_mut().for_each(|c| *c = middle + (*c - middle) / inset);
+            let seen = world.on_triangle(primitive, (1.0 / 3.0, 1.0 / 3.0), Vec3::Z);
+            let front = if seen.front { seen.ng } else { -seen.ng };
+            let turns = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
+            if (turns.dot(front.as_dvec3()) > 0.0) != self.side[id.0 as usize] {
+                polygon.reverse();
+            }
+            polygon
+        });
+        Some(restored.collect())
     }
 
     fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {

@@ -1,8 +1,7 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::ray_cast::{self, RayCastSettings};
-use crate::form_factor::{Outside, Stored};
+use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, method};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
@@ -21,7 +20,9 @@ const DIRECT_POINTS: f64 = 32.0;
 pub struct PassOneSettings {
     /// The patches.
     pub patches: PatchSettings,
-    /// Standard error allowed to any form factor.
+    /// How form factors are computed.
+    pub form_factors: FormFactorMethod,
+    /// Error allowed to any form factor, in the method's own sense.
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
@@ -30,7 +31,25 @@ pub struct PassOneSettings {
 impl Default for PassOneSettings {
     /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
-        Self { patches: PatchSettings::default(), form_factor_tolerance: 0.0221, solver: SolverSettings::default() }
+        let form_factors = FormFactorMethod::default();
+        Self {
+            patches: PatchSettings::default(),
+            form_factors,
+            form_factor_tolerance: form_factors.default_tolerance(),
+            solver: SolverSettings::default(),
+        }
+    }
+}
+
+impl PassOneSettings {
+    /// How form factors are made under `seed`.
+    pub fn form_factor_settings(&self, seed: u64) -> FormFactorSettings {
+        FormFactorSettings {
+            method: self.form_factors,
+            tolerance: self.form_factor_tolerance,
+            shadow_rays: DIRECT_POINTS,
+            seed: mix(seed ^ 0x00f0_0f0f),
+        }
     }
 }
 
@@ -78,12 +97,12 @@ pub fn solve(
 ) -> Result<PassOne, PipelineError> {
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
     stop_if_asked(observer, Stage::Patches)?;
-    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, DIRECT_POINTS, mix(seed ^ 0x00f0_0f0f));
-    let shadow =
-        watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, ray_cast.rays_beside_shadow_rays, seed, counts));
+    let how = settings.form_factor_settings(seed);
+    let gather_rays = how.rays(world).rays_beside_shadow_rays;
+    let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, gather_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
     let (rows, outside) = watch
-        .time(Stage::FormFactors, || ray_cast::cast(world, &patches, &ray_cast, counts, observer))
+        .time(Stage::FormFactors, || method::build(world, &patches, &how, counts, observer))
         .ok_or(PipelineError::Stopped)?;
     let form_factors = Stored::Rows(rows);
     let gathered = gathered_irradiance(world, &patches, &form_factors, &outside);

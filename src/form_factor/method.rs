@@ -1,0 +1,195 @@
+//! The ways of computing form factors, behind one entry.
+
+use super::blockers::Blockers;
+use super::hemicube::{self, HemicubeSettings};
+use super::pairs::{self, PairSettings, Row, Surface};
+use super::ray_cast::{self, RayCastSettings};
+use super::visibility::Transfer;
+use super::{FormFactorMatrix, Outside};
+use crate::math::sampler::mix;
+use crate::patch::{PatchId, PatchMesh};
+use crate::progress::Observer;
+use crate::world::World;
+use crate::world::walk::RayCounts;
+use rayon::prelude::*;
+
+/// How form factors between patches are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum FormFactorMethod {
+    /// Pair by pair: the exact unobstructed kernel times the visible fraction.
+    Analytic,
+    /// Patches as they project on half cubes over points of each patch [Cohen85].
+    Hemicube,
+    /// The share of cosine-distributed rays that arrive [Malley88].
+    #[default]
+    RayCast,
+}
+
+impl FormFactorMethod {
+    /// All methods.
+    pub const ALL: [FormFactorMethod; 3] = [FormFactorMethod::Analytic, FormFactorMethod::Hemicube, FormFactorMethod::RayCast];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            FormFactorMethod::Analytic => "analytic",
+            FormFactorMethod::Hemicube => "hemicube",
+            FormFactorMethod::RayCast => "ray-cast",
+        }
+    }
+
+    /// The method of that name.
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|m| m.name() == name)
+    }
+
+    /// The tolerance where none is asked for: analytic, the error of an exchange relative to the unobstructed one; the others, the standard
+    /// error of any form factor.
+    pub fn default_tolerance(self) -> f64 {
+        match self {
+            FormFactorMethod::Analytic => 1e-3,
+            FormFactorMethod::Hemicube | FormFactorMethod::RayCast => 0.0221,
+        }
+    }
+}
+
+/// How form factors are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FormFactorSettings {
+    /// The method.
+    pub method: FormFactorMethod,
+    /// In the sense of [`FormFactorMethod::default_tolerance`].
+    pub tolerance: f64,
+    /// Shadow rays that a patch of the full size sends: light that both kinds of rays find is shared in proportion.
+    pub shadow_rays: f64,
+    /// Seed of all rays.
+    pub seed: u64,
+}
+
+/// Rays tell what leaves a scene without mirrors up to this standard error: that no row is taken for closed that is open by more.
+const OPENNESS: f64 = 0.0442;
+/// A row whose sum is further from 1 than this is not scaled to it, whatever rays say of it.
+const CLOSED_WITHIN: f64 = 0.02;
+
+impl FormFactorSettings {
+    /// The rays cast beside the method, or as the method: for what is seen by way of mirrors, glass and gloss, and outside.
+    pub fn rays(&self, world: &World) -> RayCastSettings {
+        let tolerance = match self.method {
+            FormFactorMethod::RayCast => self.tolerance,
+            _ if needs_rays(world) => (22.1 * self.tolerance).clamp(0.005, FormFactorMethod::RayCast.default_tolerance()),
+            _ => OPENNESS,
+        };
+        RayCastSettings::for_tolerance(tolerance, self.shadow_rays, self.seed)
+    }
+}
+
+/// True if rays find light that form factors between patches do not hold: of the surroundings, or by way of anything that is not diffuse.
+fn needs_rays(world: &World) -> bool {
+    let scene = world.scene();
+    scene.environment.is_some() || scene.shapes.iter().any(|s| !scene.material_of(s).material.is_diffuse())
+}
+
+/// Form factors of all patches, symmetric and closed, and what patches see outside; `None` if the observer stopped it.
+pub fn build(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &FormFactorSettings,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Option<(FormFactorMatrix, Outside)> {
+    let (mut matrix, mut outside) = ray_cast::cast(world, patches, &settings.rays(world), counts, observer)?;
+    let exchanges: Vec<Row> = match settings.method {
+        FormFactorMethod::RayCast => return Some((matrix, outside)),
+        FormFactorMethod::Analytic => analytic(world, patches, settings, observer)?,
+        FormFactorMethod::Hemicube => hemicube(world, patches, settings, counts, observer)?,
+    };
+    let upper: Vec<Vec<(u32, f64)>> = exchanges.iter().map(|row| row.iter().map(|(j, t)| (*j, t.value)).collect()).collect();
+    let mut sums = vec![0.0; patches.len()];
+    for (i, row) in upper.iter().enumerate() {
+        for &(j, s) in row {
+            sums[i] += s / patches.area[i];
+            if j as usize != i {
+                sums[j as usize] += s / patches.area[j as usize];
+            }
+        }
+    }
+    // Rays know which rows are closed by patches that are seen directly; of others, what is missing from 1 is outside or by other ways.
+    let is_closed = |i: usize| matrix.direct_sum(i) > 1.0 - 1e-9 && (sums[i] - 1.0).abs() < CLOSED_WITHIN;
+    let target: Vec<Option<f64>> = (0..patches.len()).map(|i| (is_closed(i) || sums[i] > 1.0).then_some(1.0)).collect();
+    let beside = |i: usize| matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>();
+    if !needs_rays(world) {
+        for (i, sum) in sums.iter().enumerate() {
+            outside.set_open_share(i, (1.0 - matrix.direct_sum(i)).max(0.0), (1.0 - sum).max(0.0));
+        }
+    }
+    let raw: Vec<f64> = (0..patches.len()).map(|i| sums[i] + beside(i) + outside.escaped(i).max()).collect();
+    let (low, high) = raw.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(*s), h.max(*s)));
+    if !raw.is_empty() {
+        (matrix.closure.row_sum_min, matrix.closure.row_sum_max) = (low, high);
+        matrix.closure.escaped_max = (0..raw.len()).map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
+    }
+    matrix.set_exchanges(&upper, &patches.area, &target);
+    Some((matrix, outside))
+}
+
+/// What patches exchange, pair by pair, as the kernel and visibility give it.
+pub fn analytic(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &FormFactorSettings,
+    observer: &mut Observer<'_>,
+) -> Option<Vec<Row>> {
+    let blockers = Blockers::new(world);
+    let seed = mix(settings.seed ^ 0x0a_a1);
+    let surfaces: Vec<Surface> =
+        (0..patches.len() as u32).into_par_iter().map(|i| Surface::of_patch(world, patches, PatchId(i), seed)).collect();
+    let settings = PairSettings { tolerance: settings.tolerance, seed };
+    pairs::transfers(world, &blockers, &surfaces, &settings, observer)
+}
+
+/// What patches exchange by hemicubes, the two directions of a pair averaged by their variances.
+pub fn hemicube(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &FormFactorSettings,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Option<Vec<Row>> {
+    let hemicubes = HemicubeSettings::for_tolerance(settings.tolerance, mix(settings.seed ^ 0x0cbe));
+    let rows = hemicube::project(world, patches, &hemicubes, counts, observer)?;
+    Some(averaged(&rows, &patches.area))
+}
+
+/// One exchange from the two directions in which each pair was measured: rows hold F_ij with its standard error.
+pub fn averaged(rows: &[Vec<(u32, Transfer)>], area: &[f64]) -> Vec<Row> {
+    let mut upper: Vec<Row> = vec![Row::new(); rows.len()];
+    let mut measured: Vec<Vec<(u32, Transfer)>> = vec![Vec::new(); rows.len()];
+    for (i, row) in rows.iter().enumerate() {
+        for &(j, f) in row {
+            let (low, high) = (i.min(j as usize), i.max(j as usize));
+            measured[low].push((high as u32, Transfer { value: f.value * area[i], error: f.error * area[i] }));
+        }
+    }
+    for (i, mut all) in measured.into_iter().enumerate() {
+        all.sort_by_key(|e| e.0);
+        for same in all.chunk_by(|a, b| a.0 == b.0) {
+            let j = same[0].0;
+            let most = area[i].min(area[j as usize]);
+            let transfer = match same {
+                [(_, one), (_, two)] => {
+                    let (v, w) = (two.error * two.error, one.error * one.error);
+                    let share = if v + w > 0.0 { v / (v + w) } else { 0.5 };
+                    let value = one.value * share + two.value * (1.0 - share);
+                    Transfer { value, error: (one.error * share).hypot(two.error * (1.0 - share)) }
+                }
+                // The other direction found nothing: it counts as such, with an error as large as what it missed.
+                _ if j as usize != i => {
+                    Transfer { value: 0.5 * same[0].1.value, error: 0.5 * same[0].1.value.hypot(same[0].1.error) }
+                }
+                _ => same[0].1,
+            };
+            upper[i].push((j, Transfer { value: transfer.value.min(most), error: transfer.error }));
+        }
+    }
+    upper
+}
