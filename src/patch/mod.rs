@@ -209,7 +209,8 @@ impl PatchMesh {
             polygon.iter_mut().for_each(|c| *c = middle + (*c - middle) / inset);
             let seen = world.on_triangle(primitive, (1.0 / 3.0, 1.0 / 3.0), Vec3::Z);
             let front = if seen.front { seen.ng } else { -seen.ng };
-            let turns = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
+            // All of it: clipping leaves corners that all but coincide.
+            let turns: DVec3 = polygon.windows(2).map(|e| (e[0] - middle).cross(e[1] - middle)).sum();
             if (turns.dot(front.as_dvec3()) > 0.0) != self.side[id.0 as usize] {
                 polygon.reverse();
             }
