@@ -6,6 +6,7 @@
 
 use super::blockers::{Blockers, Found};
 use super::polygon::Polygon;
+use super::polygon::shadow::ShadowCutter;
 use super::polygon::shaft::{self, Shaft};
 use crate::geometry::{Ray, offset_origin};
 use crate::math::{DVec3, Sampler, Vec3};
@@ -101,7 +102,7 @@ impl Between<'_> {
         // From the polygon further from what casts the shadows: they move less there from point to point.
         let mean = blockers.iter().map(Polygon::center).sum::<DVec3>() / blockers.len() as f64;
         let (p, q) = if mean.distance_squared(p.center()) >= mean.distance_squared(q.center()) { (p, q) } else { (q, p) };
-        let over = Shadowed { p, q, blockers };
+        let mut over = Shadowed { p, q, blockers, cutter: ShadowCutter::default() };
         let panels: SmallVec<[[DVec3; 4]; 4]> = p.panels().collect();
         let coarse: SmallVec<[Sums; 4]> = panels.iter().map(|panel| over.rule(panel)).collect();
         let whole: f64 = coarse.iter().map(|s| s.whole).sum();
@@ -194,11 +195,12 @@ struct Shadowed<'a> {
     p: &'a Polygon,
     q: &'a Polygon,
     blockers: &'a [Polygon],
+    cutter: ShadowCutter,
 }
 
 impl Shadowed<'_> {
     /// Two by two Gauss points over a bilinear panel.
-    fn rule(&self, panel: &[DVec3; 4]) -> Sums {
+    fn rule(&mut self, panel: &[DVec3; 4]) -> Sums {
         const AT: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
         let [a, b, c, d] = *panel;
         let mut sums = Sums::default();
@@ -206,7 +208,7 @@ impl Shadowed<'_> {
             for u in AT {
                 let x = (a + (b - a) * u) * (1.0 - v) + (d + (c - d) * u) * v;
                 let area = 0.25 * ((b - a) * (1.0 - v) + (c - d) * v).cross((d - a) * (1.0 - u) + (c - b) * u).length();
-                let (whole, seen) = shaft::whole_and_visible(x, self.p.normal(), self.q, self.blockers);
+                let (whole, seen) = self.cutter.whole_and_visible(x, self.p.normal(), self.q, self.blockers);
                 sums.add(Sums { whole: whole * area, seen: seen * area, error2: 0.0 });
             }
         }
@@ -214,7 +216,7 @@ impl Shadowed<'_> {
     }
 
     /// The panel in quarters, and those again where what is hidden changed by more than `allowed`.
-    fn refined(&self, panel: &[DVec3; 4], coarse: Sums, allowed: f64, depth: u32) -> Sums {
+    fn refined(&mut self, panel: &[DVec3; 4], coarse: Sums, allowed: f64, depth: u32) -> Sums {
         let [a, b, c, d] = *panel;
         let middle = |p: DVec3, q: DVec3| 0.5 * (p + q);
         let (ab, bc, cd, da) = (middle(a, b), middle(b, c), middle(c, d), middle(d, a));

@@ -8,6 +8,7 @@
 pub mod contour;
 mod gauss;
 mod product;
+pub mod shadow;
 pub mod shaft;
 
 use crate::math::DVec3;

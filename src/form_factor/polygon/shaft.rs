@@ -1,6 +1,6 @@
 //! The space between two polygons: which surfaces can stand in it, and whether one of them blocks it as a whole.
 
-use super::{Corners, Polygon};
+use super::Polygon;
 use crate::math::DVec3;
 use smallvec::SmallVec;
 
@@ -113,89 +113,4 @@ pub fn facing(p: &Polygon, q: &Polygon) -> Option<(Polygon, Polygon)> {
 /// The part of the blocker `of` between the planes of two polygons, in front of both.
 pub fn between_planes(of: &Polygon, p: &Polygon, q: &Polygon) -> Option<Polygon> {
     of.clipped(p, 0.0)?.clipped(q, 0.0)
-}
-
-/// Corners of one piece of what is seen from a point, relative to it.
-type Piece = Corners;
-
-/// Form factors from a differential element at `x` with unit normal `n` to the polygon `q`, by Lambert's formula [Cohen93, Eq. 4.27]: as a
-/// whole, and the part of it that none of `blockers` hides. All of `q` must be above the element's horizon, the blockers between x and q's plane.
-pub fn whole_and_visible(x: DVec3, n: DVec3, q: &Polygon, blockers: &[Polygon]) -> (f64, f64) {
-    let whole: Piece = q.corners.iter().map(|c| *c - x).collect();
-    let all = lambert(&whole, n);
-    let mut pieces: SmallVec<[Piece; 8]> = SmallVec::new();
-    pieces.push(whole);
-    for blocker in blockers {
-        let facing = blocker.normal.dot(blocker.center - x);
-        // A polygon seen edge-on hides nothing.
-        if facing.abs() <= 1e-12 * blocker.radius || pieces.is_empty() {
-            continue;
-        }
-        let mut outside: SmallVec<[Piece; 8]> = SmallVec::new();
-        let count = blocker.corners.len();
-        for mut piece in pieces {
-            let before = outside.len();
-            let mut kept_whole = false;
-            let original = piece.clone();
-            for i in 0..count {
-                let (a, b) = (blocker.corners[i] - x, blocker.corners[(i + 1) % count] - x);
-                let side = a.cross(b) * facing.signum();
-                let (inner, outer) = split(&piece, side);
-                if inner.is_empty() {
-                    // Nothing of it is inside the blocker's cone: what was cut off before goes back.
-                    kept_whole = true;
-                    break;
-                }
-                if !outer.is_empty() {
-                    outside.push(outer);
-                }
-                piece = inner;
-            }
-            if kept_whole {
-                outside.truncate(before);
-                outside.push(original);
-            }
-        }
-        pieces = outside;
-    }
-    (all, pieces.iter().map(|piece| lambert(piece, n)).sum::<f64>().min(all))
-}
-
-/// The parts of a piece where `side` · v is not below 0, and where it is.
-fn split(piece: &Piece, side: DVec3) -> (Piece, Piece) {
-    let d: SmallVec<[f64; 12]> = piece.iter().map(|v| side.dot(*v)).collect();
-    if d.iter().all(|d| *d >= 0.0) {
-        return (piece.clone(), Piece::new());
-    }
-    if d.iter().all(|d| *d <= 0.0) {
-        return (Piece::new(), piece.clone());
-    }
-    let (mut inner, mut outer) = (Piece::new(), Piece::new());
-    for i in 0..piece.len() {
-        let k = (i + 1) % piece.len();
-        if d[i] >= 0.0 {
-            inner.push(piece[i]);
-        }
-        if d[i] <= 0.0 {
-            outer.push(piece[i]);
-        }
-        if d[i] * d[k] < 0.0 {
-            let at = piece[i] + (piece[k] - piece[i]) * (d[i] / (d[i] - d[k]));
-            inner.push(at);
-            outer.push(at);
-        }
-    }
-    (inner, outer)
-}
-
-/// Lambert's formula for corners relative to the element, all above its horizon.
-fn lambert(corners: &[DVec3], n: DVec3) -> f64 {
-    let count = corners.len();
-    let edge = |i: usize| {
-        let (a, b) = (corners[i], corners[(i + 1) % count]);
-        let cross = a.cross(b);
-        let length = cross.length();
-        if length == 0.0 { 0.0 } else { length.atan2(a.dot(b)) * cross.dot(n) / length }
-    };
-    ((0..count).map(edge).sum::<f64>() / (2.0 * std::f64::consts::PI)).abs()
 }
