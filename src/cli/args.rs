@@ -92,9 +92,8 @@ pub enum Command {
     Probe(ProbeArgs),
     /// The errors of an image against one or two references
     Compare(CompareArgs),
-    /// Not delivered yet
-    #[command(hide = true, disable_help_flag = true)]
-    FormFactors(Rest),
+    /// Form factors (view factors) between shapes or patches, as a table
+    FormFactors(FormFactorsArgs),
     /// Error against run time: scenes, methods and budgets of a plan, measured one after another
     Experiment(ExperimentArgs),
     /// Stiff and extreme cases with known answers: do the laws hold on this machine?
@@ -296,6 +295,40 @@ pub struct ProbeArgs {
     pub pass_one: PassOneArgs,
 }
 
+/// `twopass form-factors`.
+#[derive(Debug, clap::Args)]
+pub struct FormFactorsArgs {
+    /// Scene file, or a folder with a scene.xml
+    pub scene: PathBuf,
+    /// Write the table there (CSV); default: stdout
+    #[arg(short, long, value_name = "F.csv")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub source: SceneArgs,
+    /// What the rows are: shapes by their id (the back of a two-sided one for itself), or patches
+    #[arg(long, value_name = "WHAT", default_value = "shape")]
+    pub by: GroupingName,
+    /// How they are computed: analytic (pair by pair, exact where nothing stands between flat shapes), hemicube, ray-cast
+    #[arg(long, value_name = "METHOD", default_value = "analytic", value_parser = parse_form_factors)]
+    pub form_factors: FormFactorMethod,
+    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); others, its standard error
+    /// (default 0.0221)
+    #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true)]
+    pub tolerance: Option<f64>,
+    /// Edge length of a patch in scene units; default: a few thousand patches in all
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true)]
+    pub patch_size: Option<f64>,
+}
+
+/// What form factors are listed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GroupingName {
+    /// Shapes.
+    Shape,
+    /// Patches.
+    Patch,
+}
+
 /// `twopass compare`.
 #[derive(Debug, clap::Args)]
 pub struct CompareArgs {
@@ -369,7 +402,7 @@ impl Args {
                 }
                 Command::Probe(args) => args.pass_one.not_delivered(),
                 Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
-                Command::FormFactors(_) => Some(later("the subcommand form-factors")),
+                Command::FormFactors(_) => None,
                 Command::Serve(_) => Some(later("the subcommand serve")),
             }
         })
@@ -467,7 +500,6 @@ mod tests {
             ("twopass solve a.xml -o a.sol", "solve --output"),
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
-            ("twopass form-factors a.xml --by patch", "form-factors"),
         ] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
             assert!(message.contains(name), "{line}: {message}");

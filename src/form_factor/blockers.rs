@@ -64,7 +64,7 @@ impl Blockers {
         let mut i = 0;
         while i < n {
             let together = (i + 1 < n && world.shape_index(i as u32) == world.shape_index(i as u32 + 1))
-                .then(|| merged(triangle(i), triangle(i + 1)));
+                .then(|| merged(triangle(i), triangle(i + 1), COPLANAR));
             let corners = together.flatten();
             i += 1 + usize::from(corners.is_some());
             let polygon = match corners {
@@ -174,8 +174,9 @@ fn build(blockers: &mut [Blocker], from: usize, to: usize, nodes: &mut Vec<Node>
     build(blockers, from + middle, to, nodes);
 }
 
-/// The quadrilateral that two triangles form, if they share an edge, lie in one plane with the same side up, and it is convex.
-fn merged(a: [DVec3; 3], b: [DVec3; 3]) -> Option<[DVec3; 4]> {
+/// The quadrilateral that two triangles form, if they share an edge, lie in one plane up to the share `coplanar` of their size with the same
+/// side up, and it is convex.
+pub fn merged(a: [DVec3; 3], b: [DVec3; 3], coplanar: f64) -> Option<[DVec3; 4]> {
     // The corner of b that a has not, and the one of a opposite the shared edge.
     let own = (0..3).find(|&k| !a.contains(&b[k]))?;
     let apex = (0..3).find(|&k| !b.contains(&a[k]))?;
@@ -191,7 +192,7 @@ fn merged(a: [DVec3; 3], b: [DVec3; 3]) -> Option<[DVec3; 4]> {
         let (u, v, w) = (quad[i], quad[(i + 1) % 4], quad[(i + 2) % 4]);
         (v - u).cross(w - v).dot(normal) > 0.0
     });
-    (is_convex && (r - p).dot(normal).abs() <= COPLANAR * size).then_some(quad)
+    (is_convex && (r - p).dot(normal).abs() <= coplanar * size).then_some(quad)
 }
 
 #[cfg(test)]
@@ -213,10 +214,10 @@ mod tests {
     #[test]
     fn two_triangles_of_a_square_are_one_polygon_and_others_are_not() {
         let [a, b, c, d] = square(0.0, 1.0);
-        assert_eq!(merged([a, b, c], [a, c, d]).map(|q| Polygon::new(&q).unwrap().area()), Some(4.0));
-        assert!(merged([a, b, c], [a, d, c]).is_none(), "the other side up");
-        assert!(merged([a, b, c], [a, c, d + DVec3::Z]).is_none(), "out of the plane");
-        assert!(merged([a, b, c], [a, c, 0.9 * b + 0.1 * d]).is_none(), "not convex");
+        assert_eq!(merged([a, b, c], [a, c, d], COPLANAR).map(|q| Polygon::new(&q).unwrap().area()), Some(4.0));
+        assert!(merged([a, b, c], [a, d, c], COPLANAR).is_none(), "the other side up");
+        assert!(merged([a, b, c], [a, c, d + DVec3::Z], COPLANAR).is_none(), "out of the plane");
+        assert!(merged([a, b, c], [a, c, 0.9 * b + 0.1 * d], COPLANAR).is_none(), "not convex");
     }
 
     #[test]

@@ -71,6 +71,9 @@ const OPENNESS: f64 = 0.0442;
 /// A row whose sum is further from 1 than this is not scaled to it, whatever rays say of it.
 const CLOSED_WITHIN: f64 = 0.02;
 
+/// Share of the tolerance that the unobstructed kernel may use: next to shadows it costs little.
+const KERNEL_SHARE: f64 = 0.03;
+
 impl FormFactorSettings {
     /// The rays cast beside the method, or as the method: for what is seen by way of mirrors, glass and gloss, and outside.
     pub fn rays(&self, world: &World) -> RayCastSettings {
@@ -143,7 +146,7 @@ pub fn analytic(
     let seed = mix(settings.seed ^ 0x0a_a1);
     let surfaces: Vec<Surface> =
         (0..patches.len() as u32).into_par_iter().map(|i| Surface::of_patch(world, patches, PatchId(i), seed)).collect();
-    let settings = PairSettings { tolerance: settings.tolerance, seed };
+    let settings = PairSettings { tolerance: settings.tolerance, kernel_tolerance: KERNEL_SHARE * settings.tolerance, seed };
     pairs::transfers(world, &blockers, &surfaces, &settings, observer)
 }
 
@@ -158,6 +161,34 @@ pub fn hemicube(
     let hemicubes = HemicubeSettings::for_tolerance(settings.tolerance, mix(settings.seed ^ 0x0cbe));
     let rows = hemicube::project(world, patches, &hemicubes, counts, observer)?;
     Some(averaged(&rows, &patches.area))
+}
+
+/// What patches exchange by rays, symmetric and closed, with standard errors by the binomial law, and the reciprocity defect of what was
+/// measured.
+pub fn ray_cast(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &FormFactorSettings,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Option<(Vec<Row>, f64)> {
+    let rays = settings.rays(world);
+    let (matrix, _) = ray_cast::cast(world, patches, &rays, counts, observer)?;
+    // Rays per area: what a pair's two estimates weigh.
+    let per_area = |i: usize| f64::from(rays.rays_of(patches, i)) / patches.area[i];
+    let row = |i: usize| {
+        let upper = matrix.direct(i).filter(|(j, _)| *j >= i);
+        upper
+            .map(|(j, f)| {
+                let value = f * patches.area[i];
+                // A hit more or less of both is the least that is not known.
+                let hits = per_area(i) + per_area(j);
+                let error = (value.max(1.0 / hits) / hits).sqrt();
+                (j as u32, Transfer { value, error })
+            })
+            .collect()
+    };
+    Some(((0..patches.len()).map(row).collect(), matrix.closure.reciprocity_defect))
 }
 
 /// One exchange from the two directions in which each pair was measured: rows hold F_ij with its standard error.

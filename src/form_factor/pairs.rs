@@ -6,7 +6,7 @@
 use super::blockers::{Blockers, Found};
 use super::polygon::Polygon;
 use super::polygon::shaft;
-use super::visibility::{Between, Transfer, segment};
+use super::visibility::{Between, Transfer, point_of, segment};
 use crate::math::{DVec3, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::{Observer, Progress, Stage};
@@ -55,6 +55,20 @@ impl Surface {
         Self { facets, points: (0..POINTS as u64).map(point).collect(), area: patches.area[id.0 as usize] }
     }
 
+    /// A point of it with the normal there; uniform where it has one facet or is known by points.
+    pub fn sample(&self, sampler: &mut Sampler) -> Option<(DVec3, DVec3)> {
+        if let Some(facet) = self.facets.first() {
+            return Some((point_of(facet, sampler), facet.normal()));
+        }
+        let k = (f64::from(sampler.next_1d()) * self.points.len() as f64) as usize;
+        self.points.get(k).copied()
+    }
+
+    /// Area [m²].
+    pub fn area(&self) -> f64 {
+        self.area
+    }
+
     fn flat(&self) -> Option<&Polygon> {
         if self.facets.len() == 1 { self.facets.first() } else { None }
     }
@@ -67,8 +81,10 @@ impl Surface {
 /// How well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PairSettings {
-    /// Error of an exchange between flat surfaces, relative to the unobstructed one.
+    /// Error of an exchange between flat surfaces, relative to the unobstructed one, that may come from what stands between.
     pub tolerance: f64,
+    /// The same that may come from the unobstructed one.
+    pub kernel_tolerance: f64,
     /// Seed of the rays.
     pub seed: u64,
 }
@@ -96,6 +112,7 @@ pub fn transfers(
         world,
         blockers,
         tolerance: settings.tolerance,
+        kernel_tolerance: settings.kernel_tolerance,
         ray_tolerance: settings.tolerance * RAY_SHARE,
         seed: settings.seed,
     };

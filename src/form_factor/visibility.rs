@@ -20,8 +20,10 @@ const MOST_SHADOWS: usize = 16;
 const DEEPEST: u32 = 6;
 /// First and last number of rays for a pair.
 const RAYS: (u64, u64) = (16, 1 << 16);
-/// Share of the tolerance that the unobstructed kernel may use.
-const KERNEL_SHARE: f64 = 0.03;
+/// An exchange may be wrong by more than the tolerance where the form factor is below this, by the root of their ratio but no more than
+/// `MOST_LENIENT` times: small ones count less in any sum.
+const LENIENT_BELOW: f64 = 0.01;
+const MOST_LENIENT: f64 = 4.0;
 
 /// A_i F_ij [m²] with its error.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -47,6 +49,8 @@ pub struct Between<'a> {
     pub blockers: &'a Blockers,
     /// Relative error allowed to an exchange between polygons, compared to the unobstructed one.
     pub tolerance: f64,
+    /// Relative error allowed to the unobstructed kernel.
+    pub kernel_tolerance: f64,
     /// Error allowed to a form factor where rays measure: what takes more rays than this asks for would be lost in the row.
     pub ray_tolerance: f64,
     /// Seed of the rays.
@@ -61,11 +65,11 @@ impl Between<'_> {
 
     /// What `p` and `q` exchange. `known`: what may stand between groups that they belong to. Rays depend on `key` alone.
     pub fn transfer(&self, p: &Polygon, q: &Polygon, known: Option<&Found>, key: u64) -> Transfer {
-        let free = p.transfer(q, self.tolerance * KERNEL_SHARE);
+        let free = p.transfer(q, self.kernel_tolerance);
         if free <= 0.0 {
             return Transfer::default();
         }
-        let clear = Transfer { value: free, error: free * self.tolerance * KERNEL_SHARE };
+        let clear = Transfer { value: free, error: free * self.kernel_tolerance };
         if known.is_some_and(Found::is_clear) {
             return clear;
         }
@@ -89,13 +93,14 @@ impl Between<'_> {
             self.by_rays(&p, &q, free, key)
         } else {
             let cut: Shadows = polygons().filter_map(|blocker| shaft::between_planes(blocker, &p, &q)).collect();
-            self.by_shadows(&p, &q, &cut)
+            let lenient = (LENIENT_BELOW * p.area().min(q.area()) / free).sqrt().clamp(1.0, MOST_LENIENT);
+            self.by_shadows(&p, &q, &cut, self.tolerance * lenient)
         };
         Transfer { value: free * share.value.clamp(0.0, 1.0), error: (free * share.error).hypot(clear.error) }
     }
 
     /// V by what the points of one polygon see of the other.
-    fn by_shadows(&self, p: &Polygon, q: &Polygon, blockers: &Shadows) -> Transfer {
+    fn by_shadows(&self, p: &Polygon, q: &Polygon, blockers: &Shadows, tolerance: f64) -> Transfer {
         if blockers.is_empty() {
             return Transfer { value: 1.0, error: 0.0 };
         }
@@ -108,7 +113,7 @@ impl Between<'_> {
         let whole: f64 = coarse.iter().map(|s| s.whole).sum();
         let mut total = Sums::default();
         for (panel, coarse) in panels.iter().zip(coarse) {
-            total.add(over.refined(panel, coarse, self.tolerance * whole, DEEPEST));
+            total.add(over.refined(panel, coarse, tolerance * whole, DEEPEST));
         }
         let value = if total.whole > 0.0 { total.seen / total.whole } else { 1.0 };
         Transfer { value, error: if total.whole > 0.0 { total.error2.sqrt() / total.whole } else { 0.0 } }
@@ -156,7 +161,7 @@ pub fn segment(a: DVec3, na: DVec3, b: DVec3, nb: DVec3) -> Ray {
 }
 
 /// A uniform point of a polygon.
-fn point_of(p: &Polygon, sampler: &mut Sampler) -> DVec3 {
+pub fn point_of(p: &Polygon, sampler: &mut Sampler) -> DVec3 {
     let u = sampler.next_2d();
     let (mut x, y) = (f64::from(u.x), f64::from(u.y));
     let c = p.corners();

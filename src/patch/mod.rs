@@ -189,6 +189,14 @@ impl PatchMesh {
         self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
     }
 
+    /// The shape that patch `id` belongs to, and whether it is for its front.
+    pub fn side_of(&self, world: &World, id: PatchId) -> (u32, bool) {
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let (Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. }) =
+            self.pieces[element.pieces.start as usize];
+        (world.shape_index(primitive) as u32, self.side[id.0 as usize])
+    }
+
     /// The convex polygons of patch `id` in coordinates of the scene, counter-clockwise as seen from its side; `None` if it is curved. Their
     /// corners are as exact as the patch's own, to about 1e-7 of the triangle they are cut from.
     pub fn polygons(&self, world: &World, id: PatchId) -> Option<Vec<Vec<DVec3>>> {

@@ -1,6 +1,7 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
 pub mod cost;
+pub mod form_factor_table;
 pub mod pass_one;
 pub mod probe;
 mod progressive;

@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod experiment;
+pub mod form_factors;
 pub mod info;
 pub mod probe;
 pub mod render;
