@@ -8,7 +8,7 @@ use std::path::Path;
 use twopass::accel::AccelKind;
 use twopass::form_factor::method::{FormFactorMethod, FormFactorSettings, analytic};
 use twopass::form_factor::polygon::Polygon;
-use twopass::form_factor::visibility::segment;
+use twopass::form_factor::visibility::{point_of, segment};
 use twopass::geometry::tessellate;
 use twopass::material::{Material, MaterialId, Surface, Texture};
 use twopass::math::{DAffine3, DMat3, DVec2, DVec3, Rgb, Sampler};
@@ -228,20 +228,7 @@ fn visible(world: &World, p: &Polygon, q: &Polygon, key: u64) -> f64 {
     let (mut whole, mut seen) = (0.0, 0.0);
     for k in 0..1_000_000_u64 {
         let mut sampler = Sampler::new(77, key, k);
-        let mut point = |of: &Polygon| {
-            let u = sampler.next_2d();
-            let c = of.corners();
-            let third = |k: usize| (c[k] - c[0]).cross(c[k + 1] - c[0]).length() / 2.0 / of.area();
-            let (x, k) = if f64::from(u.x) < third(1) {
-                (f64::from(u.x) / third(1), 1)
-            } else {
-                ((f64::from(u.x) - third(1)) / (1.0 - third(1)), 2)
-            };
-            let k = k.min(c.len() - 2);
-            let r = x.clamp(0.0, 1.0).sqrt();
-            c[0] + (c[k] - c[0]) * (r * (1.0 - f64::from(u.y))) + (c[k + 1] - c[0]) * (r * f64::from(u.y))
-        };
-        let (a, b) = (point(p), point(q));
+        let (a, b) = (point_of(p, &mut sampler), point_of(q, &mut sampler));
         let d = b - a;
         let weight = (d.dot(p.normal()) * -d.dot(q.normal())).max(0.0) / d.length_squared().powi(2);
         whole += weight;

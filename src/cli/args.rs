@@ -3,6 +3,10 @@
 //! A flag that the command line promises but that does not work yet is parsed, hidden from the help, and refused by
 //! [`Args::not_delivered`]: it is never ignored.
 
+mod form_factors;
+
+pub use form_factors::{FormFactorsArgs, GroupingName};
+
 use super::values::{
     Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_method,
     parse_positive, parse_read_out, parse_sampler, parse_whole,
@@ -293,40 +297,6 @@ pub struct ProbeArgs {
     pub pass_two: PassTwoArgs,
     #[command(flatten)]
     pub pass_one: PassOneArgs,
-}
-
-/// `twopass form-factors`.
-#[derive(Debug, clap::Args)]
-pub struct FormFactorsArgs {
-    /// Scene file, or a folder with a scene.xml
-    pub scene: PathBuf,
-    /// Write the table there (CSV); default: stdout
-    #[arg(short, long, value_name = "F.csv")]
-    pub output: Option<PathBuf>,
-    #[command(flatten)]
-    pub source: SceneArgs,
-    /// What the rows are: shapes by their id (the back of a two-sided one for itself), or patches
-    #[arg(long, value_name = "WHAT", default_value = "shape")]
-    pub by: GroupingName,
-    /// How they are computed: analytic (pair by pair, exact where nothing stands between flat shapes), hemicube, ray-cast
-    #[arg(long, value_name = "METHOD", default_value = "analytic", value_parser = parse_form_factors)]
-    pub form_factors: FormFactorMethod,
-    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); others, its standard error
-    /// (default 0.0221)
-    #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true)]
-    pub tolerance: Option<f64>,
-    /// Edge length of a patch in scene units; default: a few thousand patches in all
-    #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true)]
-    pub patch_size: Option<f64>,
-}
-
-/// What form factors are listed by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum GroupingName {
-    /// Shapes.
-    Shape,
-    /// Patches.
-    Patch,
 }
 
 /// `twopass compare`.

@@ -68,8 +68,15 @@ pub struct FormFactorSettings {
 
 /// Rays tell what leaves a scene without mirrors up to this standard error: that no row is taken for closed that is open by more.
 const OPENNESS: f64 = 0.0442;
-/// A row whose sum is further from 1 than this is not scaled to it, whatever rays say of it.
-const CLOSED_WITHIN: f64 = 0.02;
+impl FormFactorMethod {
+    /// A row whose sum is further from 1 than this is not scaled to it, whatever rays say of it.
+    fn closed_within(self) -> f64 {
+        match self {
+            FormFactorMethod::Analytic => 0.02,
+            FormFactorMethod::Hemicube | FormFactorMethod::RayCast => 0.25,
+        }
+    }
+}
 
 /// Share of the tolerance that the unobstructed kernel may use: next to shadows it costs little.
 const KERNEL_SHARE: f64 = 0.03;
@@ -117,7 +124,7 @@ pub fn build(
         }
     }
     // Rays know which rows are closed by patches that are seen directly; of others, what is missing from 1 is outside or by other ways.
-    let is_closed = |i: usize| matrix.direct_sum(i) > 1.0 - 1e-9 && (sums[i] - 1.0).abs() < CLOSED_WITHIN;
+    let is_closed = |i: usize| matrix.direct_sum(i) > 1.0 - 1e-9 && (sums[i] - 1.0).abs() < settings.method.closed_within();
     let target: Vec<Option<f64>> = (0..patches.len()).map(|i| (is_closed(i) || sums[i] > 1.0).then_some(1.0)).collect();
     let beside = |i: usize| matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>();
     if !needs_rays(world) {
@@ -191,36 +198,29 @@ pub fn ray_cast(
     Some(((0..patches.len()).map(row).collect(), matrix.closure.reciprocity_defect))
 }
 
-/// One exchange from the two directions in which each pair was measured: rows hold F_ij with its standard error.
+/// One exchange from the two directions in which each pair was measured: rows hold F_ij with its standard error. Each direction counts by the
+/// inverse of its area, as its error does: weights by the errors that were found would favour what came out small.
 pub fn averaged(rows: &[Vec<(u32, Transfer)>], area: &[f64]) -> Vec<Row> {
-    let mut upper: Vec<Row> = vec![Row::new(); rows.len()];
-    let mut measured: Vec<Vec<(u32, Transfer)>> = vec![Vec::new(); rows.len()];
+    let mut measured: Vec<Row> = vec![Row::new(); rows.len()];
     for (i, row) in rows.iter().enumerate() {
         for &(j, f) in row {
-            let (low, high) = (i.min(j as usize), i.max(j as usize));
-            measured[low].push((high as u32, Transfer { value: f.value * area[i], error: f.error * area[i] }));
+            let k = j as usize;
+            // A patch with itself is measured once; a direction in which nothing was found counts with its 0.
+            let share = if i == k { 1.0 } else { area[k] / (area[i] + area[k]) };
+            let scale = area[i] * share;
+            measured[i.min(k)].push((i.max(k) as u32, Transfer { value: f.value * scale, error: f.error * scale }));
         }
     }
-    for (i, mut all) in measured.into_iter().enumerate() {
+    for (i, all) in measured.iter_mut().enumerate() {
         all.sort_by_key(|e| e.0);
-        for same in all.chunk_by(|a, b| a.0 == b.0) {
-            let j = same[0].0;
-            let most = area[i].min(area[j as usize]);
-            let transfer = match same {
-                [(_, one), (_, two)] => {
-                    let (v, w) = (two.error * two.error, one.error * one.error);
-                    let share = if v + w > 0.0 { v / (v + w) } else { 0.5 };
-                    let value = one.value * share + two.value * (1.0 - share);
-                    Transfer { value, error: (one.error * share).hypot(two.error * (1.0 - share)) }
-                }
-                // The other direction found nothing: it counts as such, with an error as large as what it missed.
-                _ if j as usize != i => {
-                    Transfer { value: 0.5 * same[0].1.value, error: 0.5 * same[0].1.value.hypot(same[0].1.error) }
-                }
-                _ => same[0].1,
-            };
-            upper[i].push((j, Transfer { value: transfer.value.min(most), error: transfer.error }));
-        }
+        all.dedup_by(|second, first| {
+            let same = second.0 == first.0;
+            if same {
+                first.1 = first.1.plus(second.1);
+            }
+            same
+        });
+        all.iter_mut().for_each(|(j, t)| t.value = t.value.min(area[i].min(area[*j as usize])));
     }
-    upper
+    measured
 }

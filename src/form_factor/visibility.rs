@@ -16,6 +16,8 @@ use std::f64::consts::PI;
 
 /// With up to this many polygons in the shaft their shadows are cut out; with more, rays are cheaper.
 const MOST_SHADOWS: usize = 16;
+/// Ratio of sizes from which on shadows are looked for from points of the smaller polygon.
+const UNEVEN: f64 = 3.0;
 /// Quarters of quarters: how often the rule over a polygon may be refined.
 const DEEPEST: u32 = 6;
 /// First and last number of rays for a pair.
@@ -106,7 +108,13 @@ impl Between<'_> {
         }
         // From the polygon further from what casts the shadows: they move less there from point to point.
         let mean = blockers.iter().map(Polygon::center).sum::<DVec3>() / blockers.len() as f64;
-        let (p, q) = if mean.distance_squared(p.center()) >= mean.distance_squared(q.center()) { (p, q) } else { (q, p) };
+        let is_further = mean.distance_squared(p.center()) >= mean.distance_squared(q.center());
+        // But never from one so large that few of its points count.
+        let (p, q) = match p.radius() / q.radius() {
+            ratio if ratio > UNEVEN => (q, p),
+            ratio if ratio * UNEVEN < 1.0 || is_further => (p, q),
+            _ => (q, p),
+        };
         let mut over = Shadowed { p, q, blockers, cutter: ShadowCutter::default() };
         let panels: SmallVec<[[DVec3; 4]; 4]> = p.panels().collect();
         let coarse: SmallVec<[Sums; 4]> = panels.iter().map(|panel| over.rule(panel)).collect();
@@ -223,6 +231,14 @@ impl Shadowed<'_> {
     /// The panel in quarters, and those again where what is hidden changed by more than `allowed`.
     fn refined(&mut self, panel: &[DVec3; 4], coarse: Sums, allowed: f64, depth: u32) -> Sums {
         let [a, b, c, d] = *panel;
+        if depth == 0 {
+            return coarse;
+        }
+        // Where all points agree that all or nothing is hidden, a shadow that is not seen yet enters by a corner.
+        let agreed = coarse.hidden() <= 0.0 || coarse.seen <= 0.0;
+        if agreed && self.at_corners(panel, coarse.hidden() <= 0.0) <= 4.0 * allowed {
+            return coarse;
+        }
         let middle = |p: DVec3, q: DVec3| 0.5 * (p + q);
         let (ab, bc, cd, da) = (middle(a, b), middle(b, c), middle(c, d), middle(d, a));
         let m = middle(ab, cd);
@@ -232,7 +248,7 @@ impl Shadowed<'_> {
         fine.iter().for_each(|s| total.add(*s));
         let change = (total.hidden() - coarse.hidden()).abs();
         // Halving the distances leaves at most about a half of the error of the coarser rule where shadows bend it.
-        if depth == 0 || change <= allowed {
+        if !agreed && change <= allowed {
             total.error2 = (0.5 * change) * (0.5 * change);
             return total;
         }
@@ -241,5 +257,19 @@ impl Shadowed<'_> {
             refined.add(self.refined(quarter, fine, 0.5 * allowed, depth - 1));
         }
         refined
+    }
+
+    /// What the corners of a panel have hidden, or seen, of it beyond what its points have, which is nothing.
+    fn at_corners(&mut self, panel: &[DVec3; 4], hidden: bool) -> f64 {
+        let [a, b, c, d] = *panel;
+        let area = 0.5 * (c - a).cross(d - b).length();
+        let mut most = 0.0_f64;
+        for x in panel {
+            // Just inside: a corner itself may lie on a blocker's edge.
+            let x = *x + ((a + b + c + d) * 0.25 - *x) * 1e-6;
+            let (whole, seen) = self.cutter.whole_and_visible(x, self.p.normal(), self.q, self.blockers);
+            most = most.max(if hidden { whole - seen } else { seen });
+        }
+        most * area * 0.25
     }
 }

@@ -79,8 +79,13 @@ fn csv_of(table: &Table) -> Vec<u8> {
     write(&HEADER);
     for (i, j, factor, error) in table.rows() {
         let (from, to) = (&table.sides[i], &table.sides[j]);
-        let numbers = [from.area, to.area, factor, error].map(|v| v.to_string());
+        let numbers = [from.area, to.area, factor, error].map(number);
         write(&[&from.name, &to.name, &numbers[0], &numbers[1], &numbers[2], &numbers[3]]);
     }
     writer.into_inner().expect("memory can be written")
+}
+
+/// The shortest number that reads back as the same; with an exponent where it is small.
+fn number(v: f64) -> String {
+    if v != 0.0 && v.abs() < 1e-4 { format!("{v:e}") } else { v.to_string() }
 }
