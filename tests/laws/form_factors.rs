@@ -420,11 +420,7 @@ const SIDES: usize = 16;
 fn tube(length: f64) -> Room {
     let mut room = Room::new(DVec3::new(0.0, 0.0, 0.5 * length), DVec3::Z * length, 4);
     let (white, black) = (room.grey(0.5), room.grey(0.0));
-    let radius = 0.5 / (PI / SIDES as f64).cos();
-    let rim: Vec<DVec3> = (0..SIDES)
-        .map(|k| TAU * k as f64 / SIDES as f64)
-        .map(|phi| DVec3::new(radius * phi.cos(), radius * phi.sin(), 0.0))
-        .collect();
+    let rim = ring(0.5, 0.0, SIDES as u32);
     for k in 0..SIDES {
         let (a, b) = (rim[k], rim[(k + 1) % SIDES]);
         room.quad(b, a - b, DVec3::Z * length, white, 0.0);
