@@ -1,9 +1,7 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::hierarchy::{self, HierarchySettings};
-use crate::form_factor::ray_cast::{self, RayCastSettings};
-use crate::form_factor::{FormFactorMethod, Outside, Stored};
+use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, memory, method};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
@@ -24,17 +22,43 @@ pub struct PassOneSettings {
     pub patches: PatchSettings,
     /// How form factors are computed.
     pub form_factors: FormFactorMethod,
-    /// Error allowed to any form factor, in the sense of the method.
+    /// Error allowed to any form factor, in the method's own sense.
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
+    /// Most bytes that patches and form factors may take; `None`: whatever they need.
+    pub max_memory: Option<u64>,
 }
 
 impl Default for PassOneSettings {
+    /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
         let form_factors = FormFactorMethod::default();
-        let form_factor_tolerance = form_factors.default_tolerance();
-        Self { patches: PatchSettings::default(), form_factors, form_factor_tolerance, solver: SolverSettings::default() }
+        Self {
+            patches: PatchSettings::default(),
+            form_factors,
+            form_factor_tolerance: form_factors.default_tolerance(),
+            solver: SolverSettings::default(),
+            max_memory: None,
+        }
+    }
+}
+
+impl PassOneSettings {
+    /// Patches that it will have, about, and the bytes that it takes for them at most.
+    pub fn predicted(&self, world: &World) -> (f64, f64) {
+        let patches = PatchMesh::expected(world, &self.patches);
+        (patches, memory::predicted(patches, &self.form_factor_settings(0)))
+    }
+
+    /// How form factors are made under `seed`.
+    pub fn form_factor_settings(&self, seed: u64) -> FormFactorSettings {
+        FormFactorSettings {
+            method: self.form_factors,
+            tolerance: self.form_factor_tolerance,
+            shadow_rays: DIRECT_POINTS,
+            seed: mix(seed ^ 0x00f0_0f0f),
+        }
     }
 }
 
@@ -80,13 +104,17 @@ pub fn solve(
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Result<PassOne, PipelineError> {
+    let how = settings.form_factor_settings(seed);
+    fits(PatchMesh::expected(world, &settings.patches), &how, settings.max_memory)?;
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
+    fits(patches.len() as f64, &how, settings.max_memory)?;
     stop_if_asked(observer, Stage::Patches)?;
-    let rays = FormFactorRays::new(settings, mix(seed ^ 0x00f0_0f0f));
-    let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, rays.beside_shadow_rays(), seed, counts));
+    let gather_rays = how.rays(world).rays_beside_shadow_rays;
+    let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, gather_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
-    let (form_factors, outside) =
-        watch.time(Stage::FormFactors, || rays.form_factors(world, &patches, counts, observer)).ok_or(PipelineError::Stopped)?;
+    let (form_factors, outside) = watch
+        .time(Stage::FormFactors, || method::build(world, &patches, &how, counts, observer))
+        .ok_or(PipelineError::Stopped)?;
     let gathered = gathered_irradiance(world, &patches, &form_factors, &outside);
     let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| a.accepted + b.accepted).collect();
     let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
@@ -97,45 +125,15 @@ pub fn solve(
     Ok(PassOne { field, form_factors, outside, solution, power })
 }
 
-/// The method of form factors with its settings.
-enum FormFactorRays {
-    Cast(RayCastSettings),
-    Links(HierarchySettings),
-}
-
-impl FormFactorRays {
-    fn new(settings: &PassOneSettings, seed: u64) -> Self {
-        let tolerance = settings.form_factor_tolerance;
-        match settings.form_factors {
-            FormFactorMethod::RayCast => Self::Cast(RayCastSettings::for_tolerance(tolerance, DIRECT_POINTS, seed)),
-            FormFactorMethod::Hierarchical => Self::Links(HierarchySettings::for_tolerance(tolerance, DIRECT_POINTS, seed)),
+/// Refuses what will not fit, before it is allocated.
+fn fits(patches: f64, how: &FormFactorSettings, limit: Option<u64>) -> Result<(), PipelineError> {
+    let predicted = memory::predicted(patches, how);
+    match limit {
+        Some(limit) if predicted > limit as f64 => {
+            let method = how.method;
+            Err(PipelineError::Memory { patches: patches.round() as u64, predicted: predicted as u64, limit, method })
         }
-    }
-
-    fn beside_shadow_rays(&self) -> f64 {
-        match self {
-            Self::Cast(settings) => settings.rays_beside_shadow_rays,
-            Self::Links(settings) => settings.rays_beside_shadow_rays,
-        }
-    }
-
-    fn form_factors(
-        &self,
-        world: &World,
-        patches: &PatchMesh,
-        counts: &mut RayCounts,
-        observer: &mut Observer<'_>,
-    ) -> Option<(Stored, Outside)> {
-        Some(match self {
-            Self::Cast(settings) => {
-                let (rows, outside) = ray_cast::cast(world, patches, settings, counts, observer)?;
-                (Stored::Rows(rows), outside)
-            }
-            Self::Links(settings) => {
-                let (links, outside) = hierarchy::link(world, patches, settings, counts, observer)?;
-                (Stored::Links(links), outside)
-            }
-        })
+        _ => Ok(()),
     }
 }
 

@@ -7,8 +7,13 @@
 mod beside;
 mod kernel;
 mod refine;
+#[cfg(test)]
+mod tests;
 mod tree;
 
+use super::pairs::Row;
+use super::ray_cast::RayCastSettings;
+use super::visibility::Transfer;
 use super::{Closure, FormFactors, Outside};
 use crate::math::Rgb;
 use crate::patch::PatchMesh;
@@ -27,36 +32,6 @@ const CLOSING_SWEEPS: usize = 100;
 const CLOSE_ENOUGH: f64 = 1e-7;
 /// Scales stay within this range: a row of few links must not be blown up.
 const SCALES: [f64; 2] = [0.5, 2.0];
-
-/// How links are made.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HierarchySettings {
-    /// Bound on the error that a link may leave to the form factor between its nodes, in either direction.
-    pub tolerance: f64,
-    /// Rays of a group of patches that look for what links do not hold: the outside, mirrors, glass and gloss.
-    pub rays: u32,
-    /// Longest chain of specular events.
-    pub max_events: u32,
-    /// Number of those rays for each shadow ray that a patch sends: light that both find is shared in proportion.
-    pub rays_beside_shadow_rays: f64,
-    /// Seed of all rays.
-    pub seed: u64,
-}
-
-/// Rays of a group at a tolerance of 1e-3.
-const GROUP_RAYS: f64 = 512.0;
-
-impl HierarchySettings {
-    /// Links within `tolerance`, and rays in inverse proportion to it. `shadow_rays`: those that a patch of the full size sends.
-    pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
-        let gr: Option<f64> = std::env::var("TP_GR").ok().and_then(|v| v.parse().ok());
-        if let Some(r) = gr {
-            return Self { tolerance, rays: r as u32, max_events: 64, rays_beside_shadow_rays: 16.0, seed };
-        }
-        let rays = ((GROUP_RAYS * 1e-3 / tolerance).clamp(64.0, 65536.0) as u32).next_power_of_two();
-        Self { tolerance, rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
-    }
-}
 
 /// The links, ready to be multiplied with.
 #[derive(Debug, Clone)]
@@ -97,51 +72,58 @@ trait Carried: Copy + Default + Add<Output = Self> + Mul<f64, Output = Self> + S
 impl Carried for f64 {}
 impl Carried for Rgb {}
 
-/// Links all patches; `None` if the observer stopped it.
+/// Links all patches so that no link leaves an error above `tolerance` to the form factors between its nodes, in either direction; `None`
+/// if the observer stopped it. `rays`: those of a group of patches, which look for what links do not hold: the outside, mirrors, glass and
+/// gloss.
 pub fn link(
     world: &World,
     patches: &PatchMesh,
-    settings: &HierarchySettings,
+    tolerance: f64,
+    rays: &RayCastSettings,
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Option<(Hierarchy, Outside)> {
     let tree = Tree::new(world, patches);
-    let beside = Beside::cast(world, patches, &tree, settings, counts);
-    let refinement = Refinement { world, patches, tree: &tree, tolerance: settings.tolerance, seed: settings.seed };
-    let (links, rays) = refinement.links(observer)?;
-    counts.form_factor += rays;
-    let mut hierarchy = Hierarchy::new(tree, &links, beside);
-    drop(links);
+    let beside = Beside::cast(world, patches, &tree, rays, counts);
+    let refinement = Refinement { world, patches, tree: &tree, tolerance, seed: rays.seed };
+    let (links, cast) = refinement.links(observer)?;
+    counts.form_factor += cast;
+    let mut hierarchy = Hierarchy::new(tree, links, beside);
     let outside = hierarchy.close();
     Some((hierarchy, outside))
 }
 
 impl Hierarchy {
-    fn new(tree: Tree, links: &[Link], beside: Beside) -> Self {
+    fn new(tree: Tree, links: Vec<Vec<Link>>, beside: Beside) -> Self {
         let span = |n: &tree::Node| Span { area: n.area, first: n.first, count: n.count, second: n.second };
         let nodes: Vec<Span> = tree.nodes.iter().map(span).collect();
         let mut place = vec![0; tree.patch.len()];
         tree.patch.iter().enumerate().for_each(|(at, &patch)| place[patch as usize] = at as u32);
+        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
+        // What the tree held for making links goes before links are sorted by their nodes.
+        let patch = tree.patch;
+        drop((tree.nodes, tree.centred, tree.spots, tree.running));
+        let n_links = links.iter().map(Vec::len).sum();
         let mut start = vec![0; nodes.len() + 1];
         // A patch that sees itself has one entry.
         let ends = |link: &Link| [Some(link.first), (link.second != link.first).then_some(link.second)];
-        links.iter().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
+        links.iter().flatten().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
         for p in 0..nodes.len() {
             start[p + 1] += start[p];
         }
         let mut next = start.clone();
         let (mut other, mut transfer) = (vec![0; start[nodes.len()]], vec![0.0; start[nodes.len()]]);
-        for link in links {
-            for (own, seen) in ends(link).into_iter().flatten().zip([link.second, link.first]) {
+        // Each batch is freed as soon as it has been read.
+        for link in links.into_iter().flatten() {
+            for (own, seen) in ends(&link).into_iter().flatten().zip([link.second, link.first]) {
                 let at = &mut next[own as usize];
                 (other[*at], transfer[*at]) = (seen, link.transfer);
                 *at += 1;
             }
         }
-        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
         let (scale, kept) = (vec![1.0; place.len()], vec![0.0; place.len()]);
         let closure = Closure::default();
-        Self { nodes, patch: tree.patch, place, start, other, transfer, area, scale, kept, beside, links: links.len(), closure }
+        Self { nodes, patch, place, start, other, transfer, area, scale, kept, beside, links: n_links, closure }
     }
 
     /// Number of links, each for both directions, and of entries through specular surfaces.
@@ -162,6 +144,28 @@ impl Hierarchy {
     pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
         let found = self.transport(|place| x[self.patch[place] as usize]);
         found.into_iter().zip(&self.patch).for_each(|(v, &patch)| out[patch as usize] = v);
+    }
+
+    /// What patches exchange as the links say, before rows are closed: for each patch those that do not come before it. `tolerance` is that
+    /// of the links; there may be as many entries as pairs.
+    pub fn exchanges(&self, tolerance: f64) -> Vec<Row> {
+        let mut rows = vec![Row::new(); self.place.len()];
+        for (at, node) in self.nodes.iter().enumerate() {
+            for k in self.start[at]..self.start[at + 1] {
+                let other = self.nodes[self.other[k] as usize];
+                let density = f64::from(self.transfer[k]) / (node.area * other.area);
+                let places = |node: &Span| node.first..node.first + node.count;
+                for (own, seen) in places(node).flat_map(|own| places(&other).map(move |seen| (own, seen))) {
+                    let (a, b) = (self.area[own as usize], self.area[seen as usize]);
+                    let (i, j) = (self.patch[own as usize], self.patch[seen as usize]);
+                    if i <= j {
+                        rows[i as usize].push((j, Transfer { value: density * a * b, error: tolerance * a.min(b) }));
+                    }
+                }
+            }
+        }
+        rows.iter_mut().for_each(|row| row.sort_by_key(|e| e.0));
+        rows
     }
 
     /// D F D x + K x by place: means are drawn up the tree, carried along links, and handed down.

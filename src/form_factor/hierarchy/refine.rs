@@ -15,7 +15,7 @@ const TASKS: usize = 4096;
 /// Of these, between two looks at the observer.
 const BATCH: usize = 256;
 /// Fewest rays by which the visible share of a pair is measured.
-const FEWEST_RAYS: u32 = 4;
+const FEWEST_RAYS: u32 = 2;
 /// Most rays.
 const MOST_RAYS: u32 = 64;
 /// The error that visibility leaves to a form factor may be this many times that of its kernel: it is random, and averages out.
@@ -62,8 +62,8 @@ enum Verdict {
 }
 
 impl Refinement<'_> {
-    /// All links, in an order that depends on nothing but the tree; and the number of rays cast. `None` if the observer stopped it.
-    pub fn links(&self, observer: &mut Observer<'_>) -> Option<(Vec<Link>, u64)> {
+    /// All links by task, in an order that depends on nothing but the tree; and the number of rays cast. `None` if the observer stopped it.
+    pub fn links(&self, observer: &mut Observer<'_>) -> Option<(Vec<Vec<Link>>, u64)> {
         let (mut links, mut rays) = (Vec::new(), 0);
         if self.tree.nodes.is_empty() {
             return Some((links, rays));
@@ -71,8 +71,9 @@ impl Refinement<'_> {
         let tasks = self.tasks();
         for (done, batch) in tasks.chunks(BATCH).enumerate() {
             let found: Vec<(Vec<Link>, u64)> = batch.par_iter().with_max_len(1).map(|&pair| self.descend(pair)).collect();
-            for (of_task, cast) in found {
-                links.extend(of_task);
+            for (mut of_task, cast) in found {
+                of_task.shrink_to_fit();
+                links.push(of_task);
                 rays += cast;
             }
             let progress = Progress { stage: Stage::FormFactors, done: ((done + 1) * BATCH) as f64, total: tasks.len() as f64 };
@@ -141,10 +142,10 @@ impl Refinement<'_> {
         let larger = a.area.max(b.area);
         if kernel * larger <= self.tolerance {
             let torn = [p, q].map(|at| self.tree.torn[at as usize]);
-            if !(torn[0] || torn[1]) || most * larger <= self.tolerance * TORN_SHARE {
+            if most * larger * f64::from(torn[0].max(torn[1])) <= self.tolerance * TORN_SHARE {
                 return Verdict::Linked;
             }
-            first_weighs_more = torn[0] && (!torn[1] || a.radius >= b.radius);
+            first_weighs_more = torn[0] * a.radius >= torn[1] * b.radius;
         }
         // Indices of pairs stay in order, so that a link is known by its nodes alone.
         let ordered = |x: u32, y: u32| (x.min(y), x.max(y));
@@ -169,11 +170,7 @@ impl Refinement<'_> {
         }
         // Standard error of a share is at most 1/(2 sqrt n).
         let wanted = (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2);
-        let knob = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-        static K: std::sync::OnceLock<[f64; 3]> = std::sync::OnceLock::new();
-        let [lo, vs, hi] = *K.get_or_init(|| [knob("TP_MIN", 4.0), knob("TP_VS", 2.0), knob("TP_MAX", 64.0)]);
-        let wanted = wanted * (2.0 / vs).powi(2);
-        let n = (wanted.ceil() as u32).clamp(lo as u32, hi as u32);
+        let n = (wanted.ceil() as u32).clamp(FEWEST_RAYS, MOST_RAYS);
         whole * self.visible_share(p as usize, q as usize, n, rays)
     }
 

@@ -77,8 +77,8 @@ pub struct Tree {
     pub spots: Vec<[Spot; SPOTS]>,
     /// Running area up to and including each place [m²].
     pub running: Vec<f64>,
-    /// True for nodes whose two parts do not see the same: a wall stands between them.
-    pub torn: Vec<bool>,
+    /// How much of each node a wall parts from the rest: 0 for none of it, 1 for half of it, and the root of the share between.
+    pub torn: Vec<f32>,
     /// Smallest height above a plane that counts [m].
     pub flat: f32,
 }
@@ -119,7 +119,16 @@ impl Tree {
             let spots = tree.centred_spots(at);
             tree.centred.push(spots);
         }
-        tree.torn = (0..tree.nodes.len()).into_par_iter().with_min_len(256).map(|at| tree.is_torn(world, at)).collect();
+        let by_itself: Vec<bool> =
+            (0..tree.nodes.len()).into_par_iter().with_min_len(256).map(|at| tree.is_torn(world, at)).collect();
+        tree.torn = vec![0.0; tree.nodes.len()];
+        for at in (0..tree.nodes.len()).rev().filter(|&at| !tree.nodes[at].is_leaf()) {
+            let parts = [at + 1, tree.nodes[at].second as usize];
+            let share = |part: usize| (tree.nodes[part].area / tree.nodes[at].area) as f32;
+            let below = parts.map(|part| tree.torn[part] * share(part).sqrt());
+            let own = if by_itself[at] { (2.0 * share(parts[0]).min(share(parts[1]))).sqrt() } else { 0.0 };
+            tree.torn[at] = own.max(below[0]).max(below[1]);
+        }
         tree
     }
 
