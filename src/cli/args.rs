@@ -128,11 +128,12 @@ pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
-    /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast
+    /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links
+    /// between groups of patches)
     #[arg(long, value_name = "METHOD", default_value = "ray-cast", value_parser = parse_form_factors, help_heading = "Pass one")]
     pub form_factors: FormFactorMethod,
-    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); others, its standard error
-    /// (default 0.0221)
+    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); hierarchical, its bound
+    /// (default 0.001); others, its standard error (default 0.0221)
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub tolerance: Option<f64>,
     /// How the radiosity system is solved: gauss-seidel
@@ -388,7 +389,7 @@ impl RenderArgs {
 
 impl PassOneArgs {
     fn not_delivered(&self) -> Option<String> {
-        refused("--solver", &self.solver, "gauss-seidel", &LATER_SOLVERS)
+        refused("--solver", &self.solver, &["gauss-seidel"], &LATER_SOLVERS)
     }
 }
 
@@ -400,11 +401,11 @@ fn later(name: &str) -> String {
     format!("{name} is not delivered in this version")
 }
 
-fn refused(flag: &str, value: &str, known: &str, later_ones: &[&str]) -> Option<String> {
+fn refused(flag: &str, value: &str, known: &[&str], later_ones: &[&str]) -> Option<String> {
     match value {
-        value if value == known => None,
+        value if known.contains(&value) => None,
         value if later_ones.contains(&value) => Some(later(&format!("{flag} {value}"))),
-        value => Some(format!("{flag} knows no \"{value}\"; expected {known}")),
+        value => Some(format!("{flag} knows no \"{value}\"; expected {}", known.join(", "))),
     }
 }
 
@@ -442,8 +443,7 @@ mod tests {
             ("render a.xml --size -5x3", "--size", "WxH"),
             ("render a.xml --crop -1,2,3,4", "--crop", "X,Y,W,H"),
             ("info a.xml --patch-size -1", "--patch-size", "above 0"),
-            ("solve a.xml --form-factors magic", "--form-factors", "analytic, hemicube or ray-cast"),
-            ("solve a.xml --form-factors hierarchical", "--form-factors", "not delivered in this version"),
+            ("solve a.xml --form-factors magic", "--form-factors", "expected one of analytic, hemicube, ray-cast"),
             ("probe a.xml --points p.csv --samples -4", "--samples", "1 or more"),
             ("probe a.xml --points p.csv --efficacy -1", "--efficacy", "above 0"),
         ] {

@@ -97,11 +97,8 @@ pub fn parse_method(text: &str) -> Result<Method, String> {
 
 /// Parses the name of a method of form factors.
 pub fn parse_form_factors(text: &str) -> Result<FormFactorMethod, String> {
-    match (FormFactorMethod::by_name(text), text) {
-        (Some(method), _) => Ok(method),
-        (None, "hierarchical") => Err("not delivered in this version; expected analytic, hemicube or ray-cast".to_owned()),
-        (None, _) => Err("expected analytic, hemicube or ray-cast".to_owned()),
-    }
+    let names = FormFactorMethod::ALL.map(FormFactorMethod::name).join(", ");
+    FormFactorMethod::by_name(text).ok_or_else(|| format!("expected one of {names}"))
 }
 
 /// Parses the name of a read-out.

@@ -194,6 +194,25 @@ impl FormFactors for FormFactorMatrix {
         });
     }
 
+    fn gather_groups(&self, x: &[Rgb], group: &[u8], out: &mut [Vec<Rgb>]) -> u32 {
+        let sums = (0..self.len()).into_par_iter().with_min_len(64).map(|i| {
+            let mut sums = vec![Rgb::BLACK; out.len()];
+            let mut add = |j: usize, f: Rgb| {
+                if let Some(sum) = sums.get_mut(usize::from(group[j])) {
+                    *sum += x[j] * f;
+                }
+            };
+            self.direct(i).for_each(|(j, f)| add(j, Rgb::grey(f)));
+            self.specular(i).for_each(|(j, f)| add(j, f));
+            sums
+        });
+        let sums: Vec<Vec<Rgb>> = sums.collect();
+        for (g, out) in out.iter_mut().enumerate() {
+            out.iter_mut().zip(&sums).for_each(|(out, sums)| *out = sums[g]);
+        }
+        1
+    }
+
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
         self.direct(i).for_each(|(j, f)| visit(j, Rgb::grey(f)));
         self.specular(i).for_each(|(j, f)| visit(j, f));

@@ -2,10 +2,11 @@
 
 use super::blockers::Blockers;
 use super::hemicube::{self, HemicubeSettings};
+use super::hierarchy::{self, HierarchySettings};
 use super::pairs::{self, PairSettings, Row, Surface};
 use super::ray_cast::{self, RayCastSettings};
 use super::visibility::Transfer;
-use super::{FormFactorMatrix, Outside};
+use super::{FormFactors as _, Outside, Stored};
 use crate::math::sampler::mix;
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::Observer;
@@ -23,11 +24,13 @@ pub enum FormFactorMethod {
     /// The share of cosine-distributed rays that arrive [Malley88].
     #[default]
     RayCast,
+    /// Links between groups of patches.
+    Hierarchical,
 }
 
 impl FormFactorMethod {
     /// All methods.
-    pub const ALL: [FormFactorMethod; 3] = [FormFactorMethod::Analytic, FormFactorMethod::Hemicube, FormFactorMethod::RayCast];
+    pub const ALL: [FormFactorMethod; 4] = [Self::Analytic, Self::Hemicube, Self::RayCast, Self::Hierarchical];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -35,6 +38,7 @@ impl FormFactorMethod {
             FormFactorMethod::Analytic => "analytic",
             FormFactorMethod::Hemicube => "hemicube",
             FormFactorMethod::RayCast => "ray-cast",
+            FormFactorMethod::Hierarchical => "hierarchical",
         }
     }
 
@@ -43,11 +47,11 @@ impl FormFactorMethod {
         Self::ALL.into_iter().find(|m| m.name() == name)
     }
 
-    /// The tolerance where none is asked for: analytic, the error of an exchange relative to the unobstructed one; the others, the standard
-    /// error of any form factor.
+    /// The tolerance where none is asked for: analytic, the error of an exchange relative to the unobstructed one; hierarchical, the bound on the
+    /// error that each link leaves to the form factors between its nodes; the others, the standard error of any form factor.
     pub fn default_tolerance(self) -> f64 {
         match self {
-            FormFactorMethod::Analytic => 1e-3,
+            FormFactorMethod::Analytic | FormFactorMethod::Hierarchical => 1e-3,
             FormFactorMethod::Hemicube | FormFactorMethod::RayCast => 0.0221,
         }
     }
@@ -73,7 +77,7 @@ impl FormFactorMethod {
     fn closed_within(self) -> f64 {
         match self {
             FormFactorMethod::Analytic => 0.02,
-            FormFactorMethod::Hemicube | FormFactorMethod::RayCast => 0.25,
+            _ => 0.25,
         }
     }
 }
@@ -82,6 +86,18 @@ impl FormFactorMethod {
 const KERNEL_SHARE: f64 = 0.03;
 
 impl FormFactorSettings {
+    /// Number of rays that find the surroundings for each shadow ray that a patch sends.
+    pub fn rays_beside_shadow_rays(&self, world: &World) -> f64 {
+        match self.method {
+            FormFactorMethod::Hierarchical => self.links().rays_beside_shadow_rays,
+            _ => self.rays(world).rays_beside_shadow_rays,
+        }
+    }
+
+    fn links(&self) -> HierarchySettings {
+        HierarchySettings::for_tolerance(self.tolerance, self.shadow_rays, self.seed)
+    }
+
     /// The rays cast beside the method, or as the method: for what is seen by way of mirrors, glass and gloss, and outside.
     pub fn rays(&self, world: &World) -> RayCastSettings {
         let tolerance = match self.method {
@@ -106,10 +122,14 @@ pub fn build(
     settings: &FormFactorSettings,
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
-) -> Option<(FormFactorMatrix, Outside)> {
+) -> Option<(Stored, Outside)> {
+    if settings.method == FormFactorMethod::Hierarchical {
+        let (links, outside) = hierarchy::link(world, patches, &settings.links(), counts, observer)?;
+        return Some((Stored::Links(links), outside));
+    }
     let (mut matrix, mut outside) = ray_cast::cast(world, patches, &settings.rays(world), counts, observer)?;
     let exchanges: Vec<Row> = match settings.method {
-        FormFactorMethod::RayCast => return Some((matrix, outside)),
+        FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => return Some((Stored::Rows(matrix), outside)),
         FormFactorMethod::Analytic => analytic(world, patches, settings, observer)?,
         FormFactorMethod::Hemicube => hemicube(world, patches, settings, counts, observer)?,
     };
@@ -139,7 +159,7 @@ pub fn build(
         matrix.closure.escaped_max = (0..raw.len()).map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
     }
     matrix.set_exchanges(&upper, &patches.area, &target);
-    Some((matrix, outside))
+    Some((Stored::Rows(matrix), outside))
 }
 
 /// What patches exchange, pair by pair, as the kernel and visibility give it.
@@ -196,6 +216,28 @@ pub fn ray_cast(
             .collect()
     };
     Some(((0..patches.len()).map(row).collect(), matrix.closure.reciprocity_defect))
+}
+
+/// What patches exchange by links spread over their patches, symmetric and closed; the error is the bound that links were refined to.
+pub fn hierarchical(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &FormFactorSettings,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Option<(Vec<Row>, f64)> {
+    let (links, _) = build(world, patches, settings, counts, observer)?;
+    let row = |i: usize| {
+        let mut upper = Row::new();
+        links.row(i, &mut |j, f| {
+            let transfer = |f: f64| Transfer { value: f * patches.area[i], error: settings.tolerance * f * patches.area[i] };
+            if j >= i {
+                upper.push((j as u32, transfer(f.g)));
+            }
+        });
+        upper
+    };
+    Some(((0..patches.len()).map(row).collect(), links.closure().reciprocity_defect))
 }
 
 /// One exchange from the two directions in which each pair was measured: rows hold F_ij with its standard error. Each direction counts by the

@@ -1,6 +1,6 @@
 //! Form factors in the form in which a run keeps them.
 
-use super::{Closure, FormFactorMatrix, FormFactors};
+use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy};
 use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
@@ -8,6 +8,8 @@ use crate::math::Rgb;
 pub enum Stored {
     /// Sparse rows.
     Rows(FormFactorMatrix),
+    /// Links between groups of patches.
+    Links(Hierarchy),
 }
 
 impl Stored {
@@ -15,6 +17,7 @@ impl Stored {
     pub fn rows(&self) -> Option<&FormFactorMatrix> {
         match self {
             Stored::Rows(matrix) => Some(matrix),
+            Stored::Links(_) => None,
         }
     }
 
@@ -22,6 +25,7 @@ impl Stored {
     pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
         match self {
             Stored::Rows(matrix) => matrix.gather_direct(x, out),
+            Stored::Links(links) => links.gather_direct(x, out),
         }
     }
 
@@ -29,6 +33,7 @@ impl Stored {
     pub fn n_nonzero(&self) -> usize {
         match self {
             Stored::Rows(matrix) => matrix.n_nonzero(),
+            Stored::Links(links) => links.n_nonzero(),
         }
     }
 
@@ -36,6 +41,7 @@ impl Stored {
     pub fn memory_bytes(&self) -> usize {
         match self {
             Stored::Rows(matrix) => matrix.memory_bytes(),
+            Stored::Links(links) => links.memory_bytes(),
         }
     }
 
@@ -43,12 +49,14 @@ impl Stored {
     pub fn closure(&self) -> Closure {
         match self {
             Stored::Rows(matrix) => matrix.closure,
+            Stored::Links(links) => links.closure,
         }
     }
 
     fn operator(&self) -> &dyn FormFactors {
         match self {
             Stored::Rows(matrix) => matrix,
+            Stored::Links(links) => links,
         }
     }
 }

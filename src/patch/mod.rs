@@ -6,6 +6,7 @@
 pub mod cluster;
 pub mod cuts;
 mod measure;
+pub mod outline;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
@@ -44,7 +45,7 @@ pub const DEFAULT_ELEMENTS: f64 = 4000.0;
 
 impl Default for PatchSettings {
     fn default() -> Self {
-        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 400_000 }
+        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 4_000_000 }
     }
 }
 

@@ -118,6 +118,11 @@ pub fn table(
             let rows = match settings.method {
                 FormFactorMethod::Analytic => method::analytic(world, patches, settings, observer)?,
                 FormFactorMethod::Hemicube => method::hemicube(world, patches, settings, &mut counts, observer)?,
+                FormFactorMethod::Hierarchical => {
+                    let (rows, defect) = method::hierarchical(world, patches, settings, &mut counts, observer)?;
+                    reciprocity_defect = defect;
+                    rows
+                }
                 FormFactorMethod::RayCast => {
                     let (rows, defect) = method::ray_cast(world, patches, settings, &mut counts, observer)?;
                     reciprocity_defect = defect;

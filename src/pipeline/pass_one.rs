@@ -6,7 +6,7 @@ use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
 use crate::progress::{Observer, Progress, Stage};
-use crate::radiosity::{Incident, RadiosityField, RadiositySystem, Solution, SolverSettings, gauss_seidel};
+use crate::radiosity::{self, Incident, RadiosityField, RadiositySystem, Solution, SolverSettings};
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, ShadowRay, World};
 use rayon::prelude::*;
@@ -29,7 +29,6 @@ pub struct PassOneSettings {
 }
 
 impl Default for PassOneSettings {
-    /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
         let form_factors = FormFactorMethod::default();
         Self {
@@ -98,17 +97,16 @@ pub fn solve(
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
     stop_if_asked(observer, Stage::Patches)?;
     let how = settings.form_factor_settings(seed);
-    let gather_rays = how.rays(world).rays_beside_shadow_rays;
+    let gather_rays = how.rays_beside_shadow_rays(world);
     let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, gather_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
-    let (rows, outside) = watch
+    let (form_factors, outside) = watch
         .time(Stage::FormFactors, || method::build(world, &patches, &how, counts, observer))
         .ok_or(PipelineError::Stopped)?;
-    let form_factors = Stored::Rows(rows);
     let gathered = gathered_irradiance(world, &patches, &form_factors, &outside);
     let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| a.accepted + b.accepted).collect();
     let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
-    let solution = watch.time(Stage::Solve, || gauss_seidel::solve(&system, &settings.solver, observer))?;
+    let solution = watch.time(Stage::Solve, || radiosity::solve(&system, &settings.solver, observer))?;
     let indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
     let field = RadiosityField::new(patches, shadow, gathered, indirect);
     let power = balance(world, &field, &outside);

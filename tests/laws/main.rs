@@ -30,6 +30,7 @@ mod material_laws;
 mod metrics;
 mod patches;
 mod path;
+mod solvers;
 mod specular;
 mod stability;
 mod stability_physical;
