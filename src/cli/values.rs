@@ -4,6 +4,7 @@ use std::str::FromStr;
 use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
+use twopass::radiosity::Solver;
 
 /// `name=value`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -118,6 +119,12 @@ pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
     SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
+/// Parses the name of a solver.
+pub fn parse_solver(text: &str) -> Result<Solver, String> {
+    let names = Solver::ALL.map(Solver::name).join(", ");
+    Solver::ALL.into_iter().find(|s| s.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
 /// Name of a read-out, as it is typed.
 pub fn read_out_name(read_out: ReadOut) -> &'static str {
     match read_out {
@@ -167,6 +174,10 @@ mod tests {
         for method in Method::ALL {
             assert_eq!(parse_method(method.name()), Ok(method));
         }
+        for solver in Solver::ALL {
+            assert_eq!(parse_solver(solver.name()), Ok(solver));
+        }
+        assert!(parse_solver("magic").unwrap_err().contains("bicgstab"));
         assert!(parse_method("metropolis").unwrap_err().contains("two-pass-whitted"));
     }
 }
