@@ -9,7 +9,7 @@ pub use form_factors::{FormFactorsArgs, GroupingName};
 
 use super::values::{
     Crop, Define, Depth, Size, parse_bytes, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_method,
-    parse_positive, parse_read_out, parse_sampler, parse_whole,
+    parse_positive, parse_read_out, parse_sampler, parse_solver, parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -17,6 +17,7 @@ use twopass::accel::AccelKind;
 use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
+use twopass::radiosity::Solver;
 
 /// Hybrid two-pass global illumination: radiosity over meshed patches, then Whitted ray tracing that gathers it.
 #[derive(Debug, Parser)]
@@ -128,18 +129,17 @@ pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
-    /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links between
-    /// groups of patches)
+    /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links
+    /// between groups of patches)
     #[arg(long, value_name = "METHOD", default_value = "ray-cast", value_parser = parse_form_factors, help_heading = "Pass one")]
     pub form_factors: FormFactorMethod,
-    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); hierarchical, a
-    /// bound for each link (default 0.001); others, its standard error
-    /// (default 0.0221)
+    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); hierarchical, its bound
+    /// (default 0.001); others, its standard error (default 0.0221)
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub tolerance: Option<f64>,
-    /// How the radiosity system is solved: gauss-seidel
-    #[arg(long, value_name = "METHOD", default_value = "gauss-seidel", help_heading = "Pass one")]
-    pub solver: String,
+    /// How the radiosity system is solved: cg, gmres, bicgstab, gauss-seidel, jacobi, southwell
+    #[arg(long, value_name = "METHOD", default_value = "cg", value_parser = parse_solver, help_heading = "Pass one")]
+    pub solver: Solver,
     /// Bound on the relative error of the solution
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub solver_tolerance: Option<f64>,
@@ -358,9 +358,6 @@ pub struct StabilityArgs {
     pub output: Option<PathBuf>,
 }
 
-/// The solvers that the command line promises and that are not there yet.
-const LATER_SOLVERS: [&str; 5] = ["jacobi", "southwell", "cg", "gmres", "bicgstab"];
-
 impl Args {
     /// What was asked for that this version does not do yet or does not know: a sentence for the user.
     pub fn not_delivered(&self) -> Option<String> {
@@ -369,9 +366,9 @@ impl Args {
             Command::Render(args) => args.not_delivered(),
             Command::Solve(args) => {
                 let given = [("solve --output", args.output.is_some()), ("solve --gltf", args.gltf.is_some())];
-                first_given(&given).or_else(|| args.pass_one.not_delivered())
+                first_given(&given)
             }
-            Command::Probe(args) => args.pass_one.not_delivered(),
+            Command::Probe(_) => None,
             Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
             Command::FormFactors(_) => None,
             Command::Serve(_) => Some(later("the subcommand serve")),
@@ -382,13 +379,7 @@ impl Args {
 impl RenderArgs {
     fn not_delivered(&self) -> Option<String> {
         let given = [("--solution", self.solution.is_some()), ("--light", !self.light.is_empty()), ("--resume", self.resume)];
-        first_given(&given).or_else(|| self.pass_one.not_delivered())
-    }
-}
-
-impl PassOneArgs {
-    fn not_delivered(&self) -> Option<String> {
-        refused("--solver", &self.solver, "gauss-seidel", &LATER_SOLVERS)
+        first_given(&given)
     }
 }
 
@@ -398,14 +389,6 @@ fn first_given(flags: &[(&str, bool)]) -> Option<String> {
 
 fn later(name: &str) -> String {
     format!("{name} is not delivered in this version")
-}
-
-fn refused(flag: &str, value: &str, known: &str, later_ones: &[&str]) -> Option<String> {
-    match value {
-        value if value == known => None,
-        value if later_ones.contains(&value) => Some(later(&format!("{flag} {value}"))),
-        value => Some(format!("{flag} knows no \"{value}\"; expected {known}")),
-    }
 }
 
 #[cfg(test)]
@@ -442,8 +425,7 @@ mod tests {
             ("render a.xml --size -5x3", "--size", "WxH"),
             ("render a.xml --crop -1,2,3,4", "--crop", "X,Y,W,H"),
             ("info a.xml --patch-size -1", "--patch-size", "above 0"),
-            ("solve a.xml --form-factors magic", "--form-factors", "analytic, hemicube or ray-cast"),
-            ("solve a.xml --form-factors hierarchical", "--form-factors", "not delivered in this version"),
+            ("solve a.xml --form-factors magic", "--form-factors", "expected one of analytic, hemicube, ray-cast"),
             ("probe a.xml --points p.csv --samples -4", "--samples", "1 or more"),
             ("probe a.xml --points p.csv --efficacy -1", "--efficacy", "above 0"),
         ] {
@@ -464,8 +446,6 @@ mod tests {
             ("twopass render a.xml --solution a.sol", "--solution"),
             ("twopass render a.xml --light lamp=2", "--light"),
             ("twopass render a.xml --resume", "--resume"),
-            ("twopass solve a.xml --solver cg", "--solver cg"),
-            ("twopass solve a.xml --solver magic", "magic"),
             ("twopass solve a.xml -o a.sol", "solve --output"),
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),

@@ -4,6 +4,7 @@ use std::str::FromStr;
 use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
+use twopass::radiosity::Solver;
 
 /// `name=value`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -116,7 +117,8 @@ pub fn physical_memory() -> Option<u64> {
 
 /// Parses the name of a method of form factors.
 pub fn parse_form_factors(text: &str) -> Result<FormFactorMethod, String> {
-    FormFactorMethod::by_name(text).ok_or_else(|| "expected analytic, hemicube, ray-cast or hierarchical".to_owned())
+    let names = FormFactorMethod::ALL.map(FormFactorMethod::name).join(", ");
+    FormFactorMethod::by_name(text).ok_or_else(|| format!("expected one of {names}"))
 }
 
 /// Parses the name of a read-out.
@@ -134,6 +136,12 @@ pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
 pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
     let names = SamplerKind::ALL.map(SamplerKind::name).join(", ");
     SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
+/// Parses the name of a solver.
+pub fn parse_solver(text: &str) -> Result<Solver, String> {
+    let names = Solver::ALL.map(Solver::name).join(", ");
+    Solver::ALL.into_iter().find(|s| s.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
 /// Name of a read-out, as it is typed.
@@ -196,6 +204,10 @@ mod tests {
         for method in Method::ALL {
             assert_eq!(parse_method(method.name()), Ok(method));
         }
+        for solver in Solver::ALL {
+            assert_eq!(parse_solver(solver.name()), Ok(solver));
+        }
+        assert!(parse_solver("magic").unwrap_err().contains("bicgstab"));
         assert!(parse_method("metropolis").unwrap_err().contains("two-pass-whitted"));
     }
 }

@@ -2,10 +2,11 @@
 
 use super::blockers::Blockers;
 use super::hemicube::{self, HemicubeSettings};
+use super::hierarchy::{self, HierarchySettings};
 use super::pairs::{self, PairSettings, Row, Surface};
 use super::ray_cast::{self, RayCastSettings};
 use super::visibility::Transfer;
-use super::{FormFactorMatrix, Hierarchy, Outside, Stored, hierarchy};
+use super::{FormFactors as _, Outside, Stored};
 use crate::math::sampler::mix;
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::Observer;
@@ -23,14 +24,13 @@ pub enum FormFactorMethod {
     /// The share of cosine-distributed rays that arrive [Malley88].
     #[default]
     RayCast,
-    /// Links between groups of patches [Hanrahan91].
+    /// Links between groups of patches.
     Hierarchical,
 }
 
 impl FormFactorMethod {
     /// All methods.
-    pub const ALL: [FormFactorMethod; 4] =
-        [FormFactorMethod::Analytic, FormFactorMethod::Hemicube, FormFactorMethod::RayCast, FormFactorMethod::Hierarchical];
+    pub const ALL: [FormFactorMethod; 4] = [Self::Analytic, Self::Hemicube, Self::RayCast, Self::Hierarchical];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -47,8 +47,8 @@ impl FormFactorMethod {
         Self::ALL.into_iter().find(|m| m.name() == name)
     }
 
-    /// The tolerance where none is asked for: analytic, the error of an exchange relative to the unobstructed one; hierarchical, a bound on
-    /// the error that a link leaves to the form factors between its nodes; the others, the standard error of any form factor.
+    /// The tolerance where none is asked for: analytic, the error of an exchange relative to the unobstructed one; hierarchical, the bound on the
+    /// error that each link leaves to the form factors between its nodes; the others, the standard error of any form factor.
     pub fn default_tolerance(self) -> f64 {
         match self {
             FormFactorMethod::Analytic | FormFactorMethod::Hierarchical => 1e-3,
@@ -77,7 +77,7 @@ impl FormFactorMethod {
     fn closed_within(self) -> f64 {
         match self {
             FormFactorMethod::Analytic => 0.02,
-            FormFactorMethod::Hemicube | FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => 0.25,
+            _ => 0.25,
         }
     }
 }
@@ -86,24 +86,26 @@ impl FormFactorMethod {
 const KERNEL_SHARE: f64 = 0.03;
 
 impl FormFactorSettings {
+    /// Number of rays that find the surroundings for each shadow ray that a patch sends.
+    pub fn rays_beside_shadow_rays(&self, world: &World) -> f64 {
+        match self.method {
+            FormFactorMethod::Hierarchical => self.links().rays_beside_shadow_rays,
+            _ => self.rays(world).rays_beside_shadow_rays,
+        }
+    }
+
+    fn links(&self) -> HierarchySettings {
+        HierarchySettings::for_tolerance(self.tolerance, self.shadow_rays, self.seed)
+    }
+
     /// The rays cast beside the method, or as the method: for what is seen by way of mirrors, glass and gloss, and outside.
     pub fn rays(&self, world: &World) -> RayCastSettings {
         let tolerance = match self.method {
             FormFactorMethod::RayCast => self.tolerance,
-            FormFactorMethod::Hierarchical => return self.group_rays(),
             _ if needs_rays(world) => (22.1 * self.tolerance).clamp(0.005, FormFactorMethod::RayCast.default_tolerance()),
             _ => OPENNESS,
         };
         RayCastSettings::for_tolerance(tolerance, self.shadow_rays, self.seed)
-    }
-}
-
-impl FormFactorSettings {
-    /// Rays of a group of patches that is linked: 512 at a tolerance of 1e-3, and in inverse proportion.
-    fn group_rays(&self) -> RayCastSettings {
-        let rays = ((0.512 / self.tolerance).clamp(64.0, 65536.0) as u32).next_power_of_two();
-        let rays_beside_shadow_rays = f64::from(rays) / self.shadow_rays;
-        RayCastSettings { rays, max_events: 64, rays_beside_shadow_rays, seed: self.seed }
     }
 }
 
@@ -122,35 +124,12 @@ pub fn build(
     observer: &mut Observer<'_>,
 ) -> Option<(Stored, Outside)> {
     if settings.method == FormFactorMethod::Hierarchical {
-        let (links, outside) = hierarchical(world, patches, settings, counts, observer)?;
+        let (links, outside) = hierarchy::link(world, patches, &settings.links(), counts, observer)?;
         return Some((Stored::Links(links), outside));
     }
-    let (rows, outside) = by_rows(world, patches, settings, counts, observer)?;
-    Some((Stored::Rows(rows), outside))
-}
-
-/// Links between groups of patches, closed, and what patches see outside.
-pub fn hierarchical(
-    world: &World,
-    patches: &PatchMesh,
-    settings: &FormFactorSettings,
-    counts: &mut RayCounts,
-    observer: &mut Observer<'_>,
-) -> Option<(Hierarchy, Outside)> {
-    hierarchy::link(world, patches, settings.tolerance, &settings.group_rays(), counts, observer)
-}
-
-/// The same as rows, which each method but the hierarchical one makes.
-fn by_rows(
-    world: &World,
-    patches: &PatchMesh,
-    settings: &FormFactorSettings,
-    counts: &mut RayCounts,
-    observer: &mut Observer<'_>,
-) -> Option<(FormFactorMatrix, Outside)> {
     let (mut matrix, mut outside) = ray_cast::cast(world, patches, &settings.rays(world), counts, observer)?;
     let exchanges: Vec<Row> = match settings.method {
-        FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => return Some((matrix, outside)),
+        FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => return Some((Stored::Rows(matrix), outside)),
         FormFactorMethod::Analytic => analytic(world, patches, settings, observer)?,
         FormFactorMethod::Hemicube => hemicube(world, patches, settings, counts, observer)?,
     };
@@ -180,7 +159,7 @@ fn by_rows(
         matrix.closure.escaped_max = (0..raw.len()).map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
     }
     matrix.set_exchanges(&upper, &patches.area, &target);
-    Some((matrix, outside))
+    Some((Stored::Rows(matrix), outside))
 }
 
 /// What patches exchange, pair by pair, as the kernel and visibility give it.
@@ -237,6 +216,28 @@ pub fn ray_cast(
             .collect()
     };
     Some(((0..patches.len()).map(row).collect(), matrix.closure.reciprocity_defect))
+}
+
+/// What patches exchange by links spread over their patches, symmetric and closed; the error is the bound that links were refined to.
+pub fn hierarchical(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &FormFactorSettings,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Option<(Vec<Row>, f64)> {
+    let (links, _) = build(world, patches, settings, counts, observer)?;
+    let row = |i: usize| {
+        let mut upper = Row::new();
+        links.row(i, &mut |j, f| {
+            let transfer = |f: f64| Transfer { value: f * patches.area[i], error: settings.tolerance * f * patches.area[i] };
+            if j >= i {
+                upper.push((j as u32, transfer(f.g)));
+            }
+        });
+        upper
+    };
+    Some(((0..patches.len()).map(row).collect(), links.closure().reciprocity_defect))
 }
 
 /// One exchange from the two directions in which each pair was measured: rows hold F_ij with its standard error. Each direction counts by the

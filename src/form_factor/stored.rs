@@ -70,6 +70,14 @@ impl FormFactors for Stored {
         self.operator().gather(x, out);
     }
 
+    fn gather_groups(&self, x: &[Rgb], group: &[u8], out: &mut [Vec<Rgb>]) -> u32 {
+        self.operator().gather_groups(x, group, out)
+    }
+
+    fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
+        self.operator().join(pair);
+    }
+
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
         self.operator().row(i, visit);
     }

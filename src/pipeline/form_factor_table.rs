@@ -119,7 +119,9 @@ pub fn table(
                 FormFactorMethod::Analytic => method::analytic(world, patches, settings, observer)?,
                 FormFactorMethod::Hemicube => method::hemicube(world, patches, settings, &mut counts, observer)?,
                 FormFactorMethod::Hierarchical => {
-                    method::hierarchical(world, patches, settings, &mut counts, observer)?.0.exchanges(settings.tolerance)
+                    let (rows, defect) = method::hierarchical(world, patches, settings, &mut counts, observer)?;
+                    reciprocity_defect = defect;
+                    rows
                 }
                 FormFactorMethod::RayCast => {
                     let (rows, defect) = method::ray_cast(world, patches, settings, &mut counts, observer)?;

@@ -109,7 +109,7 @@ pub fn solve(
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
     fits(patches.len() as f64, &how, settings.max_memory)?;
     stop_if_asked(observer, Stage::Patches)?;
-    let gather_rays = how.rays(world).rays_beside_shadow_rays;
+    let gather_rays = how.rays_beside_shadow_rays(world);
     let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, gather_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
     let (form_factors, outside) = watch

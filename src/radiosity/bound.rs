@@ -98,7 +98,8 @@ fn take_better(weight: &mut [Rgb], set: &[usize], v: &[Rgb], c: &[Rgb]) -> f64 {
     worst
 }
 
-/// `bound` relative to `mean`; 0 where there is nothing and nothing is wrong.
+/// `bound` relative to `mean`; 0 where there is nothing and nothing is wrong, infinite where numbers have ended.
 pub(super) fn relative(bound: f64, mean: f64) -> f64 {
-    if bound == 0.0 { 0.0 } else { bound / mean }
+    let relative = if bound == 0.0 { 0.0 } else { bound / mean };
+    if relative.is_finite() && mean.is_finite() { relative } else { f64::INFINITY }
 }

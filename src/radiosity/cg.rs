@@ -11,6 +11,9 @@ use super::{Solution, SolveError, Solver, SolverSettings, gmres, system::Radiosi
 use crate::math::Rgb;
 use crate::progress::Observer;
 
+/// A squared residual so many times the first is no longer that of a symmetric system.
+const DIVERGED: f64 = 1e4;
+
 /// Solves by conjugate gradients; by GMRES where light through mirrors and glass, which is measured one way only, spoils the symmetry, or
 /// where this gets no nearer because of rounding in the form factors. The solution says so.
 ///
@@ -46,6 +49,7 @@ pub(super) fn steps(space: &Space<'_>, x: &mut [Rgb], r: &mut [Rgb], limit: u32,
     let mut beta = vec![Rgb::BLACK; sets.members.len()];
     let (mut image, mut before) = (vec![Rgb::BLACK; n], vec![Rgb::BLACK; n]);
     let mut square = space.dot(r, r);
+    let first = square.clone();
     turn(space, &mut p, r, &beta, &level, &is_open);
     for step in 0..limit {
         if !is_open.contains(&true) {
@@ -76,6 +80,8 @@ pub(super) fn steps(space: &Space<'_>, x: &mut [Rgb], r: &mut [Rgb], limit: u32,
         sets.add_scaled(x, &alpha, &p);
         let minus: Vec<Rgb> = alpha.iter().map(|a| Rgb::BLACK - *a).collect();
         sets.add_scaled(r, &minus, &applied);
+        // Nothing of r lies in the span of W but rounding, which would be amplified by 1/(1 - rho) once the rest is as small.
+        coarse.correct(sets, x, r);
         for (s, is_open) in is_open.iter_mut().enumerate() {
             *is_open = *is_open && !(goal.is_met)(s, x, r);
         }
@@ -83,6 +89,9 @@ pub(super) fn steps(space: &Space<'_>, x: &mut [Rgb], r: &mut [Rgb], limit: u32,
             return step + 1;
         }
         let next = space.dot(r, r);
+        if next.iter().zip(&first).any(|(now, first)| (0..3).any(|k| now[k] > DIVERGED * first[k])) {
+            return step + 1;
+        }
         beta = next.iter().zip(&square).map(|(a, b)| divided(*a, *b)).collect();
         square = next;
         level = coarse.solve(&coarse.project_image(sets, r));

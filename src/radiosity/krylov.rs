@@ -38,10 +38,13 @@ impl Space<'_> {
     }
 }
 
+/// Judges solution and residual of a set, by its number.
+type IsMet<'a> = dyn FnMut(usize, &[Rgb], &[Rgb]) -> bool + 'a;
+
 /// When a method may stop.
 pub(super) struct Goal<'a> {
     /// True if solution and residual of a set are good enough.
-    pub is_met: &'a mut dyn FnMut(usize, &[Rgb], &[Rgb]) -> bool,
+    pub is_met: &'a mut IsMet<'a>,
     /// False if somebody wants it to stop; asked after each step.
     pub go_on: &'a mut dyn FnMut() -> bool,
 }
@@ -138,6 +141,8 @@ pub(super) fn solve(
         whole.sweeps += 1;
     }
     let (mut best, mut failures) = (f64::INFINITY, 0);
+    // The best so far with its residual: a method that goes astray must not take the solution with it.
+    let mut kept = (whole.irradiance.clone(), r.clone());
     let (first, now, stopped) = (Cell::new(0.0), Cell::new(0.0_f64), Cell::new(false));
     loop {
         let mut is_met = |s: usize, x: &[Rgb], r: &[Rgb]| {
@@ -165,13 +170,17 @@ pub(super) fn solve(
             |set: &Vec<usize>| relative(sets.spectral_bound_of(set) * bound.of(set, &r), system.mean_irradiance(set, &bounced));
         whole.error_bound = sets.members.iter().map(bound_of).fold(0.0, f64::max);
         whole.converged = whole.error_bound <= settings.tolerance;
-        failures += u32::from(whole.error_bound.is_nan() || whole.error_bound > 0.5 * best);
+        failures += u32::from(whole.error_bound > 0.5 * best);
         let is_given_up = !whole.converged && failures >= MOST_FAILURES;
+        if whole.error_bound < best {
+            (best, kept) = (whole.error_bound, (whole.irradiance.clone(), r.clone()));
+        } else {
+            (whole.error_bound, (whole.irradiance, r)) = (best, kept.clone());
+        }
         if whole.converged || is_given_up || stopped.get() || whole.sweeps >= settings.max_sweeps {
-            whole.irradiance = bounced;
+            whole.irradiance.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
             return (whole, is_given_up);
         }
-        best = best.min(whole.error_bound);
     }
 }
 

@@ -31,7 +31,7 @@ pub(super) fn solve(
         let share = set.len() as f64 / system.len() as f64;
         let (mut sweeps, mut first) = (0, f64::INFINITY);
         let (bound, is_stopped) = loop {
-            // A sweep is as many shots as there are patches. What is black keeps what it has received: that is one bounce more at no cost.
+            // A sweep is as many shots as there are patches.
             shoot(system, &columns, set, (&mut whole.irradiance, &mut r));
             sweeps += 1;
             let bound = relative(prepared.bound.of(set, &r), mean_with(system, set, &whole.irradiance, &r));
@@ -90,13 +90,19 @@ fn shoot(system: &RadiositySystem<'_>, columns: &Columns, set: &[usize], (x, r):
     for _ in 0..set.len() {
         let (j, most) = set.iter().fold((0, 0.0), |best, &i| if power(i, r) > best.1 { (i, power(i, r)) } else { best });
         if most == 0.0 {
-            return;
+            break;
         }
         let shot = r[j];
         x[j] += shot;
         r[j] = Rgb::BLACK;
         let radiosity = system.rho[j] * shot;
         columns.visit(system, j, &mut |i, f| r[i] += f * radiosity);
+    }
+    // What a patch does not reflect it need not shoot.
+    for &i in set {
+        let black = system.rho[i].map(|rho| if rho == 0.0 { 1.0 } else { 0.0 });
+        x[i] += r[i] * black;
+        r[i] *= Rgb::WHITE - black;
     }
 }
 

@@ -12,6 +12,11 @@ fn near(got: f64, want: f64, relative: f64) -> bool {
     (got - want).abs() <= relative * want.abs()
 }
 
+/// The larger; NaN is the largest.
+fn worse(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
+}
+
 const STATIONARY: [Solver; 3] = [Solver::GaussSeidel, Solver::Jacobi, Solver::Southwell];
 const KRYLOV: [Solver; 3] = [Solver::Cg, Solver::Gmres, Solver::BiCgStab];
 
@@ -70,7 +75,7 @@ impl Numbers {
     /// Largest error of any patch relative to the mean.
     fn error(&self, solution: &Solution, truth: &[f64]) -> f64 {
         let mean = truth.iter().zip(&self.area).map(|(h, a)| h * a).sum::<f64>() / self.area.iter().sum::<f64>();
-        solution.irradiance.iter().zip(truth).map(|(h, t)| (h.g - t).abs()).fold(0.0, f64::max) / mean
+        solution.irradiance.iter().zip(truth).map(|(h, t)| (h.g - t).abs()).fold(0.0, worse) / mean
     }
 }
 
@@ -141,10 +146,11 @@ fn four_rooms_with_doors_are_found_and_taken_out() {
         Numbers::new(&rooms.area, &rooms.form_factors, |_| rho, |j| f64::from(u8::from(lamp(j))))
     };
     let bright = numbers(0.999999);
-    let found = bright.solve(Solver::Cg, 1e-6, 6);
+    // Two products prepare, four are steps, one verifies.
+    let found = bright.solve(Solver::Cg, 1e-6, 7);
     assert_eq!(found.rooms, 4);
     let error = bright.error(&found, &bright.truth());
-    assert!(error <= 1e-6 && found.sweeps <= 6, "error {error} after {} products", found.sweeps);
+    assert!(error <= 1e-6 && found.sweeps <= 7, "error {error} after {} products", found.sweeps);
     let found = numbers(0.99).solve(Solver::Cg, 1e-6, 100);
     assert!(found.converged && found.sweeps <= 20, "{} products", found.sweeps);
 }
@@ -320,7 +326,7 @@ fn a_cube_with_one_bright_face_under_refinement() {
         });
         let errors = sides.map(|side| (side - value(6)).abs());
         let orders = [errors[0] / errors[1], errors[1] / errors[2]].map(f64::log2);
-        println!("rho {rho}: errors {errors:.2e?} with 4, 8, 16 patches an edge, orders {orders:.2?}");
+        println!("rho {rho}: errors {errors:?} with 4, 8, 16 patches an edge, orders {orders:.2?}");
         let fine = faces(16);
         for (got, want) in fine.iter().zip([value(4), value(5), value(6)]) {
             assert!((got - want).abs() <= 4e-3 * value(4).min(1.0 / (1.0 - rho)).min(1.0), "rho {rho}: {got}, continuum {want}");

@@ -28,6 +28,7 @@ fn pass_one_settings(args: &PassOneArgs) -> PassOneSettings {
     settings.patches.patch_size = args.patch_size;
     settings.form_factors = args.form_factors;
     settings.form_factor_tolerance = args.tolerance.unwrap_or(args.form_factors.default_tolerance());
+    settings.solver.solver = args.solver;
     settings.solver.tolerance = args.solver_tolerance.unwrap_or(settings.solver.tolerance);
     settings
 }

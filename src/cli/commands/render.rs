@@ -167,7 +167,7 @@ fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(
     report::add_costs(&mut run_report, &rendered.stages, &rendered.counts);
     report::add_film(&mut run_report, &rendered.film);
     if let Some(pass_one) = &rendered.pass_one {
-        report::add_pass_one(&mut run_report, pass_one);
+        report::add_pass_one(job.common, &mut run_report, pass_one);
     }
     run_report.complete = rendered.complete;
     run_report.stopped_by = match rendered.complete {

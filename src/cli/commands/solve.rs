@@ -36,7 +36,7 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
-    report::add_pass_one(&mut run_report, &solved.pass_one);
+    report::add_pass_one(common, &mut run_report, &solved.pass_one);
     run_report.complete = solved.pass_one.solution.converged;
     run_report.stopped_by = if run_report.complete { StopReason::Finished } else { StopReason::NotConverged };
     if let Some(path) = &args.irradiance {
@@ -73,6 +73,7 @@ fn summary(run_report: &RunReport) -> String {
         lines.push(("reciprocity_defect", short(closure.reciprocity_defect)));
     }
     if let Some(solver) = &run_report.solver {
+        lines.push(("solver", solver.method.clone()));
         lines.push(("sweeps", solver.sweeps.to_string()));
         lines.push(("error_bound", short(solver.error_bound)));
         lines.push(("converged", solver.converged.to_string()));

@@ -3,9 +3,9 @@
 //! Patches of a small group share their rays. How much of a row goes elsewhere is known from its links, which vary smoothly; where it goes,
 //! from the rays.
 
+use super::HierarchySettings;
 use super::tree::Tree;
 use crate::form_factor::outside::{Outside, OutsideRow};
-use crate::form_factor::ray_cast::RayCastSettings;
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::world::sight::{Origin, cosine_density};
@@ -68,7 +68,7 @@ struct Sums {
 
 impl Beside {
     /// Casts the rays of all groups. Scenes in which the first few show nothing but patches and darkness need no more.
-    pub fn cast(world: &World, patches: &PatchMesh, tree: &Tree, settings: &RayCastSettings, counts: &mut RayCounts) -> Self {
+    pub fn cast(world: &World, patches: &PatchMesh, tree: &Tree, settings: &HierarchySettings, counts: &mut RayCounts) -> Self {
         let largest = (tree.patch.len() / GROUPS).clamp(1, LARGEST_GROUP) as u32;
         let is_group = |at: &usize| tree.nodes[*at].count <= largest && tree.torn[*at] < TORN;
         let mut group = vec![0; tree.patch.len()];
@@ -211,7 +211,7 @@ fn cast_group(
     at: usize,
     rays: u32,
     seed: u64,
-    settings: &RayCastSettings,
+    settings: &HierarchySettings,
 ) -> Cast {
     let node = &tree.nodes[at];
     let (first, last) = (node.first as usize, (node.first + node.count) as usize);

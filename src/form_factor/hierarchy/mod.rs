@@ -11,9 +11,6 @@ mod refine;
 mod tests;
 mod tree;
 
-use super::pairs::Row;
-use super::ray_cast::RayCastSettings;
-use super::visibility::Transfer;
 use super::{Closure, FormFactors, Outside};
 use crate::math::Rgb;
 use crate::patch::PatchMesh;
@@ -32,6 +29,32 @@ const CLOSING_SWEEPS: usize = 100;
 const CLOSE_ENOUGH: f64 = 1e-7;
 /// Scales stay within this range: a row of few links must not be blown up.
 const SCALES: [f64; 2] = [0.5, 2.0];
+
+/// How links are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HierarchySettings {
+    /// Bound on the error that a link may leave to the form factor between its nodes, in either direction.
+    pub tolerance: f64,
+    /// Rays of a group of patches that look for what links do not hold: the outside, mirrors, glass and gloss.
+    pub rays: u32,
+    /// Longest chain of specular events.
+    pub max_events: u32,
+    /// Number of those rays for each shadow ray that a patch sends: light that both find is shared in proportion.
+    pub rays_beside_shadow_rays: f64,
+    /// Seed of all rays.
+    pub seed: u64,
+}
+
+/// Rays of a group at a tolerance of 1e-3.
+const GROUP_RAYS: f64 = 512.0;
+
+impl HierarchySettings {
+    /// Links within `tolerance`, and rays in inverse proportion to it. `shadow_rays`: those that a patch of the full size sends.
+    pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
+        let rays = ((GROUP_RAYS * 1e-3 / tolerance).clamp(64.0, 65536.0) as u32).next_power_of_two();
+        Self { tolerance, rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
+    }
+}
 
 /// The links, ready to be multiplied with.
 #[derive(Debug, Clone)]
@@ -72,22 +95,19 @@ trait Carried: Copy + Default + Add<Output = Self> + Mul<f64, Output = Self> + S
 impl Carried for f64 {}
 impl Carried for Rgb {}
 
-/// Links all patches so that no link leaves an error above `tolerance` to the form factors between its nodes, in either direction; `None`
-/// if the observer stopped it. `rays`: those of a group of patches, which look for what links do not hold: the outside, mirrors, glass and
-/// gloss.
+/// Links all patches; `None` if the observer stopped it.
 pub fn link(
     world: &World,
     patches: &PatchMesh,
-    tolerance: f64,
-    rays: &RayCastSettings,
+    settings: &HierarchySettings,
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Option<(Hierarchy, Outside)> {
     let tree = Tree::new(world, patches);
-    let beside = Beside::cast(world, patches, &tree, rays, counts);
-    let refinement = Refinement { world, patches, tree: &tree, tolerance, seed: rays.seed };
-    let (links, cast) = refinement.links(observer)?;
-    counts.form_factor += cast;
+    let beside = Beside::cast(world, patches, &tree, settings, counts);
+    let refinement = Refinement { world, patches, tree: &tree, tolerance: settings.tolerance, seed: settings.seed };
+    let (links, rays) = refinement.links(observer)?;
+    counts.form_factor += rays;
     let mut hierarchy = Hierarchy::new(tree, links, beside);
     let outside = hierarchy.close();
     Some((hierarchy, outside))
@@ -144,28 +164,6 @@ impl Hierarchy {
     pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
         let found = self.transport(|place| x[self.patch[place] as usize]);
         found.into_iter().zip(&self.patch).for_each(|(v, &patch)| out[patch as usize] = v);
-    }
-
-    /// What patches exchange as the links say, before rows are closed: for each patch those that do not come before it. `tolerance` is that
-    /// of the links; there may be as many entries as pairs.
-    pub fn exchanges(&self, tolerance: f64) -> Vec<Row> {
-        let mut rows = vec![Row::new(); self.place.len()];
-        for (at, node) in self.nodes.iter().enumerate() {
-            for k in self.start[at]..self.start[at + 1] {
-                let other = self.nodes[self.other[k] as usize];
-                let density = f64::from(self.transfer[k]) / (node.area * other.area);
-                let places = |node: &Span| node.first..node.first + node.count;
-                for (own, seen) in places(node).flat_map(|own| places(&other).map(move |seen| (own, seen))) {
-                    let (a, b) = (self.area[own as usize], self.area[seen as usize]);
-                    let (i, j) = (self.patch[own as usize], self.patch[seen as usize]);
-                    if i <= j {
-                        rows[i as usize].push((j, Transfer { value: density * a * b, error: tolerance * a.min(b) }));
-                    }
-                }
-            }
-        }
-        rows.iter_mut().for_each(|row| row.sort_by_key(|e| e.0));
-        rows
     }
 
     /// D F D x + K x by place: means are drawn up the tree, carried along links, and handed down.

@@ -3,7 +3,6 @@
 use super::*;
 use crate::accel::AccelKind;
 use crate::form_factor::analytic::{parallel_rectangles, perpendicular_rectangles};
-use crate::form_factor::{FormFactorMethod, FormFactorSettings, method};
 use crate::math::{DVec3, Sampler};
 use crate::patch::PatchSettings;
 use crate::progress::silent;
@@ -30,9 +29,8 @@ fn linked(room: &Room, patch_size: f64, tolerance: f64) -> (PatchMesh, Hierarchy
     let world = World::new(room.scene().expect("valid"), AccelKind::default()).expect("built");
     let settings = PatchSettings { patch_size: Some(patch_size), ..PatchSettings::default() };
     let patches = PatchMesh::build(&world, &settings).expect("not too many");
-    let how = FormFactorSettings { method: FormFactorMethod::Hierarchical, tolerance, shadow_rays: 32.0, seed: 3 };
-    let (links, outside) =
-        method::hierarchical(&world, &patches, &how, &mut RayCounts::default(), &mut silent).expect("not stopped");
+    let how = HierarchySettings::for_tolerance(tolerance, 32.0, 3);
+    let (links, outside) = link(&world, &patches, &how, &mut RayCounts::default(), &mut silent).expect("not stopped");
     (patches, links, outside)
 }
 
