@@ -13,6 +13,9 @@ pub struct FormFactorMatrix {
     pub(super) factor: Vec<f32>,
     /// Closes each row exactly in f64 over its rounded entries: a bright room amplifies what is missing by 1/(1 - rho).
     pub(super) row_scale: Vec<f64>,
+    /// Factor of each column in f64; 1 where the entries are form factors. Where they are transports S_ij, the same bits in both directions,
+    /// F_ij = (d_i / A_i) S_ij d_j is reciprocal whatever the rounding of S.
+    pub(super) column_scale: Vec<f64>,
     pub(super) specular_start: Vec<usize>,
     pub(super) specular_column: Vec<u32>,
     pub(super) specular_factor: Vec<[f32; 3]>,
@@ -41,6 +44,7 @@ impl FormFactorMatrix {
             matrix.specular_column.extend(row.specular.iter().map(|e| e.0));
             matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
             matrix.row_scale.push(1.0);
+            matrix.column_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
         }
@@ -54,7 +58,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 24 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 32 * self.len()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.
@@ -62,7 +66,8 @@ impl FormFactorMatrix {
     pub fn direct(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
         let range = self.start[i]..self.start[i + 1];
         let scale = self.row_scale[i];
-        self.column[range.clone()].iter().zip(&self.factor[range]).map(move |(j, f)| (*j as usize, f64::from(*f) * scale))
+        let entries = self.column[range.clone()].iter().zip(&self.factor[range]);
+        entries.map(move |(j, f)| (*j as usize, f64::from(*f) * scale * self.column_scale[*j as usize]))
     }
 
     /// Entries (j, F_ij) of row i that are seen through specular and glossy surfaces.
@@ -111,7 +116,7 @@ impl FormFactorMatrix {
             rows.push(row);
         }
         self.closure.reciprocity_defect = if weight > 0.0 { (defect / weight).sqrt() } else { 0.0 };
-        let scale = sinkhorn(&rows, &target, area);
+        let scale = sinkhorn(&rows, &target, area, 60, 1e-7);
         let (mut start, mut column, mut factor) = (vec![0], Vec::new(), Vec::new());
         let mut worst: f64 = 0.0;
         for (i, row) in rows.iter().enumerate() {
@@ -126,6 +131,43 @@ impl FormFactorMatrix {
         }
         self.closure.corrected_defect = worst;
         (self.start, self.column, self.factor) = (start, column, factor);
+    }
+
+    /// Replaces the direct part by exchanges S_ij = A_i F_ij, given for i <= j, scaled symmetrically to the row sums of `target`; `None`: a
+    /// row that keeps its own. Reciprocity holds by construction.
+    pub fn set_exchanges(&mut self, upper: &[Vec<(u32, f64)>], area: &[f64], target: &[Option<f64>]) {
+        let n = upper.len();
+        // In units of the largest patch, so that f32 holds them in scenes of any size; rounded before they are closed, so that what closes
+        // them knows their rounding.
+        let unit = area.iter().copied().fold(0.0, f64::max);
+        let mut rows: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
+        for (i, row) in upper.iter().enumerate() {
+            for &(j, s) in row {
+                let s = f64::from((s / unit) as f32);
+                rows[i].push((j, s));
+                if j as usize != i {
+                    rows[j as usize].push((i as u32, s));
+                }
+            }
+        }
+        rows.par_iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.0));
+        let area: Vec<f64> = area.iter().map(|a| a / unit).collect();
+        let own = |i: usize| rows[i].iter().map(|e| e.1).sum::<f64>() / area[i];
+        let target: Vec<f64> = (0..n).map(|i| target[i].unwrap_or_else(|| own(i))).collect();
+        let scale = sinkhorn(&rows, &target, &area, 400, 1e-13);
+        (self.start, self.column, self.factor) = (vec![0], Vec::new(), Vec::new());
+        let total = rows.iter().map(Vec::len).sum();
+        self.column.reserve_exact(total);
+        self.factor.reserve_exact(total);
+        for row in &rows {
+            self.column.extend(row.iter().map(|e| e.0));
+            self.factor.extend(row.iter().map(|e| e.1 as f32));
+            self.start.push(self.column.len());
+        }
+        self.row_scale = scale.iter().zip(&area).map(|(d, a)| d / a).collect();
+        self.column_scale = scale;
+        self.closure.reciprocity_defect = 0.0;
+        self.closure.corrected_defect = (0..n).map(|i| (self.direct_sum(i) - target[i]).abs()).fold(0.0, f64::max);
     }
 
     fn transposed(&self) -> Vec<Vec<(u32, f32)>> {
@@ -183,27 +225,17 @@ impl FormFactors for FormFactorMatrix {
 
 /// Factors d so that sum_j d_i S_ij d_j = A_i target_i, by a damped fixed point. They stay within [1/2, 2]: an open scene need not
 /// have an exact solution, and a row of few hits must not be blown up.
-fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64]) -> Vec<f64> {
-    const SWEEPS: usize = 60;
-    const CLOSE_ENOUGH: f64 = 1e-7;
+fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64], sweeps: u32, close_enough: f64) -> Vec<f64> {
     let mut d = vec![1.0; rows.len()];
-    for _ in 0..SWEEPS {
-        let mut worst: f64 = 0.0;
-        let next: Vec<f64> = rows
-            .iter()
-            .enumerate()
-            .map(|(i, row)| {
-                let sum: f64 = row.iter().map(|(j, s)| s * d[*j as usize]).sum::<f64>() * d[i];
-                if sum <= 0.0 {
-                    return d[i];
-                }
-                let ratio = area[i] * target[i] / sum;
-                worst = worst.max((ratio - 1.0).abs());
-                (d[i] * ratio.sqrt()).clamp(0.5, 2.0)
-            })
-            .collect();
-        d = next;
-        if worst < CLOSE_ENOUGH {
+    for _ in 0..sweeps {
+        let ratio = |(i, row): (usize, &Vec<(u32, f64)>)| {
+            let sum: f64 = row.iter().map(|(j, s)| s * d[*j as usize]).sum::<f64>() * d[i];
+            if sum > 0.0 { area[i] * target[i] / sum } else { 1.0 }
+        };
+        let ratios: Vec<f64> = rows.par_iter().enumerate().with_min_len(64).map(ratio).collect();
+        d.iter_mut().zip(&ratios).for_each(|(d, ratio)| *d = (*d * ratio.sqrt()).clamp(0.5, 2.0));
+        let worst = ratios.iter().map(|ratio| (ratio - 1.0).abs()).fold(0.0, f64::max);
+        if worst < close_enough {
             break;
         }
     }

@@ -3,17 +3,22 @@
 //! Unitless, in [0, 1]; A_i F_ij = A_j F_ji; in a closed scene the row of i sums to 1 [Cohen93, chapter 4].
 
 pub mod analytic;
+pub mod blockers;
+pub mod hemicube;
 pub mod hierarchy;
 pub mod matrix;
+pub mod memory;
 pub mod method;
 pub mod outside;
+pub mod pairs;
 pub mod polygon;
 pub mod ray_cast;
 pub mod stored;
+pub mod visibility;
 
 pub use hierarchy::Hierarchy;
 pub use matrix::FormFactorMatrix;
-pub use method::FormFactorMethod;
+pub use method::{FormFactorMethod, FormFactorSettings};
 pub use outside::Outside;
 pub use stored::Stored;
 

@@ -43,6 +43,12 @@ impl Outside {
         self.escaped.is_empty()
     }
 
+    /// Row i is open by the share `open`, where rays had measured `measured`: what they saw there counts in proportion.
+    pub fn set_open_share(&mut self, i: usize, measured: f64, open: f64) {
+        let factor = if measured > 0.0 { open / measured } else { 0.0 };
+        self.escaped[i] = self.escaped[i].map(|share| (f64::from(share) * factor).min(1.0) as f32);
+    }
+
     /// Mean radiance [W/(m² sr)] over the rays of row i that comes from emitters without reflection by a patch, except what row i sees
     /// directly of glowing patches: from the surroundings, and by way of specular and glossy surfaces.
     #[inline]

@@ -40,7 +40,7 @@ impl RayCastSettings {
     }
 
     /// Rays of patch `i`. What a small patch sends and blocks counts by its area, and so does the error that its rays leave.
-    fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
+    pub fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
         let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.125, 1.0);
         ((f64::from(self.rays) * share) as u32).next_power_of_two()
     }

@@ -4,12 +4,13 @@ use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy};
 use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
+#[allow(clippy::large_enum_variant, reason = "a run has one of them")]
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub enum Stored {
     /// Sparse rows.
     Rows(FormFactorMatrix),
     /// Links between groups of patches.
-    Links(Box<Hierarchy>),
+    Links(Hierarchy),
 }
 
 impl Stored {
@@ -56,7 +57,7 @@ impl Stored {
     fn operator(&self) -> &dyn FormFactors {
         match self {
             Stored::Rows(matrix) => matrix,
-            Stored::Links(links) => &**links,
+            Stored::Links(links) => links,
         }
     }
 }

@@ -10,7 +10,7 @@ pub mod outline;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
-use crate::math::{Rgb, Vec2, Vec3, warp};
+use crate::math::{DVec3, Rgb, Vec2, Vec3, warp};
 use crate::scene::{Scene, Shape, ShapeSurface};
 use crate::world::{SurfaceInteraction, World};
 use cuts::Cutters;
@@ -170,6 +170,14 @@ impl PatchMesh {
         Ok(mesh)
     }
 
+    /// Elements that [`Self::build`] will make, from areas alone: each is a patch on one side or on both, and cuts make more of them.
+    pub fn expected(world: &World, settings: &PatchSettings) -> f64 {
+        settings.patch_size.map_or(settings.elements, |size| {
+            let shapes = world.scene().shapes.iter().filter(|s| needs_patches(world.scene(), s));
+            shapes.map(|s| s.area()).sum::<f64>() / (size * size)
+        })
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.area.len()
@@ -195,6 +203,44 @@ impl PatchMesh {
         match self.pieces[first] {
             Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
         }
+    }
+
+    /// The shape that patch `id` belongs to, and whether it is for its front.
+    pub fn side_of(&self, world: &World, id: PatchId) -> (u32, bool) {
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let (Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. }) =
+            self.pieces[element.pieces.start as usize];
+        (world.shape_index(primitive) as u32, self.side[id.0 as usize])
+    }
+
+    /// The convex polygons of patch `id` in coordinates of the scene, counter-clockwise as seen from its side; `None` if it is curved. Their
+    /// corners are as exact as the patch's own, to about 1e-7 of the triangle they are cut from.
+    pub fn polygons(&self, world: &World, id: PatchId) -> Option<Vec<Vec<DVec3>>> {
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let mut polygons: Vec<(u32, f64, Vec<DVec3>)> = Vec::new();
+        for piece in &self.pieces[element.pieces.start as usize..element.pieces.end as usize] {
+            let Piece::Triangle { primitive, corners, inset } = *piece else { return None };
+            let [a, b, c] = world.soup().corners(primitive as usize).map(|c| c.as_dvec3());
+            let place = |w: [f32; 2]| a + (b - a) * f64::from(w[0]) + (c - a) * f64::from(w[1]);
+            // Pieces of one primitive are the fan of one polygon, all drawn in by the same factor.
+            match polygons.last_mut().filter(|(of, ..)| *of == primitive) {
+                Some((.., polygon)) => polygon.push(place(corners[2])),
+                None => polygons.push((primitive, f64::from(inset), corners.map(place).to_vec())),
+            }
+        }
+        let restored = polygons.into_iter().map(|(primitive, inset, mut polygon)| {
+            let middle = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
+            polygon.iter_mut().for_each(|c| *c = middle + (*c - middle) / inset);
+            let seen = world.on_triangle(primitive, (1.0 / 3.0, 1.0 / 3.0), Vec3::Z);
+            let front = if seen.front { seen.ng } else { -seen.ng };
+            // All of it: clipping leaves corners that all but coincide.
+            let turns: DVec3 = polygon.windows(2).map(|e| (e[0] - middle).cross(e[1] - middle)).sum();
+            if (turns.dot(front.as_dvec3()) > 0.0) != self.side[id.0 as usize] {
+                polygon.reverse();
+            }
+            polygon
+        });
+        Some(restored.collect())
     }
 
     fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {

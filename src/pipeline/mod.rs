@@ -2,6 +2,7 @@
 
 pub mod cost;
 pub mod direct;
+pub mod form_factor_table;
 pub mod keys;
 pub mod pass_one;
 pub mod probe;
@@ -16,6 +17,7 @@ pub use pass_one::{Kept, PassOne, PassOneSettings, Whole};
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
+use crate::form_factor::FormFactorMethod;
 use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
 use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
 use crate::math::SamplerKind;
@@ -114,6 +116,23 @@ pub enum PipelineError {
     /// Too many patches.
     #[error(transparent)]
     Patch(#[from] PatchError),
+    /// Patches and form factors would take more memory than they may.
+    #[error(
+        "pass one over about {patches} patches would take {} MB by {} form factors, more than the {} MB of --max-memory; \
+         larger patches (--patch-size){} take less",
+        predicted / 1_000_000, method.name(), limit / 1_000_000,
+        if *method == FormFactorMethod::Hierarchical { " or a larger --tolerance" } else { " or --form-factors hierarchical" }
+    )]
+    Memory {
+        /// Patches expected, or made.
+        patches: u64,
+        /// Bytes predicted.
+        predicted: u64,
+        /// The limit [bytes].
+        limit: u64,
+        /// How form factors were to be computed.
+        method: FormFactorMethod,
+    },
     /// No solution exists.
     #[error(transparent)]
     Solve(#[from] SolveError),

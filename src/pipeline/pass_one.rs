@@ -2,9 +2,7 @@
 
 use super::direct::{self, DIRECT_POINTS, Lamp, LampLight, LampWeight};
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::hierarchy::{self, HierarchySettings};
-use crate::form_factor::ray_cast::{self, RayCastSettings};
-use crate::form_factor::{FormFactorMethod, Outside, Stored};
+use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, memory, method};
 use crate::light::Light;
 use crate::math::{Rgb, sampler::mix};
 use crate::patch::{PatchMesh, PatchSettings};
@@ -22,24 +20,45 @@ pub struct PassOneSettings {
     pub patches: PatchSettings,
     /// How form factors are computed.
     pub form_factors: FormFactorMethod,
-    /// Error allowed to any form factor, in the sense of the method.
+    /// Error allowed to any form factor, in the method's own sense.
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
     /// True: the light of each lamp is solved for by itself, so that lamps can be made stronger or weaker afterwards.
     pub by_light: bool,
+    /// Most bytes that patches and form factors may take; `None`: whatever they need.
+    pub max_memory: Option<u64>,
 }
 
 impl Default for PassOneSettings {
+    /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
         let form_factors = FormFactorMethod::default();
-        let form_factor_tolerance = form_factors.default_tolerance();
         Self {
             patches: PatchSettings::default(),
             form_factors,
-            form_factor_tolerance,
+            form_factor_tolerance: form_factors.default_tolerance(),
             solver: SolverSettings::default(),
             by_light: false,
+            max_memory: None,
+        }
+    }
+}
+
+impl PassOneSettings {
+    /// Patches that it will have, about, and the bytes that it takes for them at most.
+    pub fn predicted(&self, world: &World) -> (f64, f64) {
+        let patches = PatchMesh::expected(world, &self.patches);
+        (patches, memory::predicted(patches, &self.form_factor_settings(0)))
+    }
+
+    /// How form factors are made under `seed`.
+    pub fn form_factor_settings(&self, seed: u64) -> FormFactorSettings {
+        FormFactorSettings {
+            method: self.form_factors,
+            tolerance: self.form_factor_tolerance,
+            shadow_rays: DIRECT_POINTS,
+            seed: mix(seed ^ 0x00f0_0f0f),
         }
     }
 }
@@ -207,6 +226,10 @@ pub fn solve_from(
     observer: &mut Observer<'_>,
 ) -> Result<PassOne, PipelineError> {
     let mut reused = Reused { patches: kept.patches.is_some(), ..Reused::default() };
+    let how = settings.form_factor_settings(seed);
+    if kept.form_factors.is_none() {
+        fits(PatchMesh::expected(world, &settings.patches), &how, settings.max_memory)?;
+    }
     let patches = watch.time(Stage::Patches, || match kept.patches {
         Some(mut patches) => {
             patches.measure_light(world);
@@ -214,15 +237,17 @@ pub fn solve_from(
         }
         None => PatchMesh::build(world, &settings.patches),
     })?;
+    if kept.form_factors.is_none() {
+        fits(patches.len() as f64, &how, settings.max_memory)?;
+    }
     stop_if_asked(observer, Stage::Patches)?;
-    let rays = FormFactorRays::new(settings, mix(seed ^ 0x00f0_0f0f));
     let lamps = kept.lamps.and_then(|lamps| direct::with_strengths_of(world, lamps));
     reused.lamps = lamps.is_some();
-    let measure = || direct::measure(world, &patches, rays.beside_shadow_rays(), seed, counts);
+    let measure = || direct::measure(world, &patches, how.rays_beside_shadow_rays(world), seed, counts);
     let lamps = watch.time(Stage::PatchDirect, || lamps.unwrap_or_else(measure));
     stop_if_asked(observer, Stage::PatchDirect)?;
     reused.form_factors = kept.form_factors.is_some();
-    let compute = || rays.form_factors(world, &patches, counts, observer);
+    let compute = || method::build(world, &patches, &how, counts, observer);
     let (form_factors, outside) =
         watch.time(Stage::FormFactors, || kept.form_factors.or_else(compute)).ok_or(PipelineError::Stopped)?;
     reused.solution = kept.solved.is_some();
@@ -350,45 +375,15 @@ fn solve_groups(
     Ok((whole, groups))
 }
 
-/// The method of form factors with its settings.
-enum FormFactorRays {
-    Cast(RayCastSettings),
-    Links(HierarchySettings),
-}
-
-impl FormFactorRays {
-    fn new(settings: &PassOneSettings, seed: u64) -> Self {
-        let tolerance = settings.form_factor_tolerance;
-        match settings.form_factors {
-            FormFactorMethod::RayCast => Self::Cast(RayCastSettings::for_tolerance(tolerance, DIRECT_POINTS, seed)),
-            FormFactorMethod::Hierarchical => Self::Links(HierarchySettings::for_tolerance(tolerance, DIRECT_POINTS, seed)),
+/// Refuses what will not fit, before it is allocated.
+fn fits(patches: f64, how: &FormFactorSettings, limit: Option<u64>) -> Result<(), PipelineError> {
+    let predicted = memory::predicted(patches, how);
+    match limit {
+        Some(limit) if predicted > limit as f64 => {
+            let method = how.method;
+            Err(PipelineError::Memory { patches: patches.round() as u64, predicted: predicted as u64, limit, method })
         }
-    }
-
-    fn beside_shadow_rays(&self) -> f64 {
-        match self {
-            Self::Cast(settings) => settings.rays_beside_shadow_rays,
-            Self::Links(settings) => settings.rays_beside_shadow_rays,
-        }
-    }
-
-    fn form_factors(
-        &self,
-        world: &World,
-        patches: &PatchMesh,
-        counts: &mut RayCounts,
-        observer: &mut Observer<'_>,
-    ) -> Option<(Stored, Outside)> {
-        Some(match self {
-            Self::Cast(settings) => {
-                let (rows, outside) = ray_cast::cast(world, patches, settings, counts, observer)?;
-                (Stored::Rows(rows), outside)
-            }
-            Self::Links(settings) => {
-                let (links, outside) = hierarchy::link(world, patches, settings, counts, observer)?;
-                (Stored::Links(Box::new(links)), outside)
-            }
-        })
+        _ => Ok(()),
     }
 }
 

@@ -13,6 +13,7 @@ mod cli;
 mod emitters;
 mod engines;
 mod experiment;
+mod form_factors;
 mod furnace;
 mod gathering;
 mod glossy;

@@ -4,7 +4,7 @@ use super::render_settings;
 use crate::cli::args::{Common, SolveArgs};
 use crate::cli::exit::Failure;
 use crate::cli::interrupt::Interrupt;
-use crate::cli::output::{print, short};
+use crate::cli::output::{print, say, short};
 use crate::cli::progress::{Display, observer};
 use crate::cli::{report, scene_file};
 use std::io::Write as _;
@@ -12,10 +12,9 @@ use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
 use twopass::pipeline::keys::StageKeys;
 use twopass::pipeline::solution_file::{self, Meta, SolutionFile};
-use twopass::pipeline::{self, Kept, PipelineError, RenderSettings, Solved, StageCosts, surface_points};
-use twopass::progress::{Observer, Stage};
+use twopass::pipeline::{self, Kept, PassOneSettings, PipelineError, Solved, StageCosts, surface_points};
+use twopass::progress::Stage;
 use twopass::run_report::{RunReport, StopReason, Stopwatch};
-use twopass::scene::Scene;
 use twopass::world::World;
 
 /// Runs the subcommand.
@@ -28,7 +27,8 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let loaded = scene_file::load(common, &args.scene, &args.source)?;
     let mut settings = render_settings(common, &args.pass_one, None);
     settings.pass_one.by_light = args.output.is_some();
-    let meta = Meta { settings: settings.pass_one, seed: settings.seed };
+    // How much memory there is decides nothing about the solution.
+    let meta = Meta { settings: PassOneSettings { max_memory: None, ..settings.pass_one }, seed: settings.seed };
     let keys = args.output.as_ref().map(|_| StageKeys::of(&loaded.scene, &meta.settings, meta.seed));
     let old = args.output.as_deref().filter(|path| path.exists()).map(SolutionFile::read).transpose()?;
     let kept = match (&old, &keys) {
@@ -39,7 +39,13 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     report::set_pass_one(&mut run_report, &args.pass_one);
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let solved = solve(loaded.scene, &settings, kept, &mut observer);
+    let mut costs = StageCosts::default();
+    let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
+    if kept.form_factors.is_none() {
+        let (patches, bytes) = settings.pass_one.predicted(&world);
+        say(common, &format!("pass one: about {patches:.0} patches, at most {:.0} MB", bytes / 1e6));
+    }
+    let solved = pipeline::solve_from(world, &settings, kept, costs, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
@@ -55,12 +61,6 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     report::finish(common, &mut run_report)?;
     print(&summary(&run_report))?;
     report::verdict(&run_report, &interrupt, "")
-}
-
-fn solve(scene: Scene, settings: &RenderSettings, kept: Kept, observer: &mut Observer<'_>) -> Result<Solved, PipelineError> {
-    let mut costs = StageCosts::default();
-    let world = costs.time(Stage::Tree, || World::new(scene, settings.accel))?;
-    pipeline::solve_from(world, settings, kept, costs, observer)
 }
 
 /// A line for each point: place, normal, irradiance; the last three are empty in a gap between patches.

@@ -7,6 +7,8 @@
 mod beside;
 mod kernel;
 mod refine;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use super::{Closure, FormFactors, Outside};
@@ -106,38 +108,42 @@ pub fn link(
     let refinement = Refinement { world, patches, tree: &tree, tolerance: settings.tolerance, seed: settings.seed };
     let (links, rays) = refinement.links(observer)?;
     counts.form_factor += rays;
-    let mut hierarchy = Hierarchy::new(tree, &links, beside);
-    drop(links);
+    let mut hierarchy = Hierarchy::new(tree, links, beside);
     let outside = hierarchy.close();
     Some((hierarchy, outside))
 }
 
 impl Hierarchy {
-    fn new(tree: Tree, links: &[Link], beside: Beside) -> Self {
+    fn new(tree: Tree, links: Vec<Vec<Link>>, beside: Beside) -> Self {
         let span = |n: &tree::Node| Span { area: n.area, first: n.first, count: n.count, second: n.second };
         let nodes: Vec<Span> = tree.nodes.iter().map(span).collect();
         let mut place = vec![0; tree.patch.len()];
         tree.patch.iter().enumerate().for_each(|(at, &patch)| place[patch as usize] = at as u32);
+        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
+        // What the tree held for making links goes before links are sorted by their nodes.
+        let patch = tree.patch;
+        drop((tree.nodes, tree.centred, tree.spots, tree.running));
+        let n_links = links.iter().map(Vec::len).sum();
         let mut start = vec![0; nodes.len() + 1];
         // A patch that sees itself has one entry.
         let ends = |link: &Link| [Some(link.first), (link.second != link.first).then_some(link.second)];
-        links.iter().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
+        links.iter().flatten().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
         for p in 0..nodes.len() {
             start[p + 1] += start[p];
         }
         let mut next = start.clone();
         let (mut other, mut transfer) = (vec![0; start[nodes.len()]], vec![0.0; start[nodes.len()]]);
-        for link in links {
-            for (own, seen) in ends(link).into_iter().flatten().zip([link.second, link.first]) {
+        // Each batch is freed as soon as it has been read.
+        for link in links.into_iter().flatten() {
+            for (own, seen) in ends(&link).into_iter().flatten().zip([link.second, link.first]) {
                 let at = &mut next[own as usize];
                 (other[*at], transfer[*at]) = (seen, link.transfer);
                 *at += 1;
             }
         }
-        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
         let (scale, kept) = (vec![1.0; place.len()], vec![0.0; place.len()]);
         let closure = Closure::default();
-        Self { nodes, patch: tree.patch, place, start, other, transfer, area, scale, kept, beside, links: links.len(), closure }
+        Self { nodes, patch, place, start, other, transfer, area, scale, kept, beside, links: n_links, closure }
     }
 
     /// Number of links, each for both directions, and of entries through specular surfaces.
@@ -278,6 +284,21 @@ impl FormFactors for Hierarchy {
             at = if place < self.nodes[second].first { at + 1 } else { second };
         }
         self.beside.row(place as usize, visit);
+    }
+
+    fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
+        let patch = |place: u32| self.patch[place as usize] as usize;
+        // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first.
+        let mut joined = 0;
+        for (at, node) in self.nodes.iter().enumerate().filter(|(at, _)| self.start[*at] < self.start[*at + 1]) {
+            if node.first >= joined {
+                joined = node.first + node.count;
+                (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
+            }
+            let others = &self.other[self.start[at]..self.start[at + 1]];
+            others.iter().for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
+        }
+        self.beside.join(&self.patch, pair);
     }
 
     fn is_reciprocal(&self) -> bool {

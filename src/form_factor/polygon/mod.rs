@@ -8,6 +8,8 @@
 pub mod contour;
 mod gauss;
 mod product;
+pub mod shadow;
+pub mod shaft;
 
 use crate::math::DVec3;
 use product::{MOST_NODES, Nodes};
@@ -93,6 +95,11 @@ impl Polygon {
         Self { corners, normal: -self.normal, ..self.clone() }
     }
 
+    /// True unless one of the two lies behind the other's plane, up to heights of `slack`.
+    pub fn may_see(&self, other: &Polygon, slack: f64) -> bool {
+        !matches!(self.side_of(other, slack), Side::Behind) && !matches!(other.side_of(self, slack), Side::Behind)
+    }
+
     /// A_p F_pq = A_q F_qp [m²] with nothing in between, within about `tolerance` of its value.
     pub fn transfer(&self, other: &Polygon, tolerance: f64) -> f64 {
         let flat = FLAT * (self.radius + other.radius + self.center.distance(other.center));
@@ -149,8 +156,8 @@ impl Polygon {
         Polygon::without_nodes(kept)
     }
 
-    /// Quadrilaterals that cover it, the last one perhaps with two corners alike.
-    fn panels(&self) -> impl Iterator<Item = [DVec3; 4]> {
+    /// Bilinear quadrilaterals that cover it, the last one perhaps with two corners alike.
+    pub fn panels(&self) -> impl Iterator<Item = [DVec3; 4]> {
         let c = &self.corners;
         (1..c.len() - 1).step_by(2).map(|k| [c[0], c[k], c[k + 1], c[(k + 2).min(c.len() - 1)]])
     }
