@@ -3,15 +3,22 @@
 //! A flag that the command line promises but that does not work yet is parsed, hidden from the help, and refused by
 //! [`Args::not_delivered`]: it is never ignored.
 
+mod form_factors;
+
+pub use form_factors::{FormFactorsArgs, GroupingName};
+
 use super::values::{
-    Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
-    parse_sampler, parse_whole,
+    Crop, Define, Depth, Size, parse_bytes, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_light,
+    parse_method, parse_positive, parse_read_out, parse_sampler, parse_solver, parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use twopass::accel::AccelKind;
+use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
+use twopass::pipeline::LampWeight;
+use twopass::radiosity::Solver;
 
 /// Hybrid two-pass global illumination: radiosity over meshed patches, then Whitted ray tracing that gathers it.
 #[derive(Debug, Parser)]
@@ -59,9 +66,9 @@ pub struct Common {
     /// Let the scene read files below this folder too; may be given more than once
     #[arg(long, global = true, value_name = "DIR", help_heading = "Common options")]
     pub allow_path: Vec<PathBuf>,
-    /// Not delivered yet
-    #[arg(long, global = true, hide = true)]
-    pub max_memory: Option<String>,
+    /// Refuse a first pass that would take more memory than this, before it is taken; default: the memory of the machine
+    #[arg(long, global = true, value_name = "BYTES[K|M|G]", value_parser = parse_bytes, help_heading = "Common options")]
+    pub max_memory: Option<u64>,
     /// Not delivered yet
     #[arg(long, global = true, hide = true)]
     pub plan: Option<String>,
@@ -91,9 +98,8 @@ pub enum Command {
     Probe(ProbeArgs),
     /// The errors of an image against one or two references
     Compare(CompareArgs),
-    /// Not delivered yet
-    #[command(hide = true, disable_help_flag = true)]
-    FormFactors(Rest),
+    /// Form factors (view factors) between shapes or patches, as a table
+    FormFactors(FormFactorsArgs),
     /// Error against run time: scenes, methods and budgets of a plan, measured one after another
     Experiment(ExperimentArgs),
     /// Stiff and extreme cases with known answers: do the laws hold on this machine?
@@ -124,15 +130,17 @@ pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
-    /// How form factors are computed: ray-cast
-    #[arg(long, value_name = "METHOD", default_value = "ray-cast", help_heading = "Pass one")]
-    pub form_factors: String,
-    /// Standard error allowed to a form factor
+    /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links
+    /// between groups of patches)
+    #[arg(long, value_name = "METHOD", default_value = "ray-cast", value_parser = parse_form_factors, help_heading = "Pass one")]
+    pub form_factors: FormFactorMethod,
+    /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); hierarchical, its bound
+    /// (default 0.001); others, its standard error (default 0.0221)
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub tolerance: Option<f64>,
-    /// How the radiosity system is solved: gauss-seidel
-    #[arg(long, value_name = "METHOD", default_value = "gauss-seidel", help_heading = "Pass one")]
-    pub solver: String,
+    /// How the radiosity system is solved: cg, gmres, bicgstab, gauss-seidel, jacobi, southwell
+    #[arg(long, value_name = "METHOD", default_value = "cg", value_parser = parse_solver, help_heading = "Pass one")]
+    pub solver: Solver,
     /// Bound on the relative error of the solution
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub solver_tolerance: Option<f64>,
@@ -207,12 +215,13 @@ pub struct RenderArgs {
     /// Write the image so far every S seconds
     #[arg(long, value_name = "S", value_parser = parse_positive, allow_hyphen_values = true)]
     pub partial_every: Option<f64>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
+    /// Take pass one from this file, which `solve -o` wrote for the same scene; only the view may differ
+    #[arg(long, value_name = "FILE.sol")]
     pub solution: Option<PathBuf>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
-    pub light: Vec<String>,
+    /// Make a light of the solution SCALE times as strong, and R, G, B times as red, green and blue; may be given more than once. Lights
+    /// without a shape are called light-1, light-2 ...
+    #[arg(long, value_name = "ID=SCALE[,R,G,B]", value_parser = parse_light, requires = "solution")]
+    pub light: Vec<LampWeight>,
     /// Not delivered yet
     #[arg(long, hide = true)]
     pub resume: bool,
@@ -243,8 +252,8 @@ pub struct SolveArgs {
     /// How many points that file has
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = parse_count::<u32>, allow_negative_numbers = true)]
     pub points: u32,
-    /// Not delivered yet
-    #[arg(short, long, hide = true)]
+    /// Keep the solution in this file. If it is there already, stages of it that nothing has changed for are not done again
+    #[arg(short, long, value_name = "FILE.sol")]
     pub output: Option<PathBuf>,
     /// Not delivered yet
     #[arg(long, hide = true)]
@@ -351,41 +360,42 @@ pub struct StabilityArgs {
     pub output: Option<PathBuf>,
 }
 
-/// The form-factor methods and solvers that the command line promises and that are not there yet.
-const LATER_FORM_FACTORS: [&str; 3] = ["analytic", "hemicube", "hierarchical"];
-const LATER_SOLVERS: [&str; 5] = ["jacobi", "southwell", "cg", "gmres", "bicgstab"];
-
 impl Args {
     /// What was asked for that this version does not do yet or does not know: a sentence for the user.
     pub fn not_delivered(&self) -> Option<String> {
         let common = &self.common;
-        first_given(&[("--max-memory", common.max_memory.is_some()), ("--plan", common.plan.is_some())]).or_else(|| {
-            match self.command.as_ref()? {
-                Command::Render(args) => args.not_delivered(),
-                Command::Solve(args) => {
-                    let given = [("solve --output", args.output.is_some()), ("solve --gltf", args.gltf.is_some())];
-                    first_given(&given).or_else(|| args.pass_one.not_delivered())
-                }
-                Command::Probe(args) => args.pass_one.not_delivered(),
-                Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
-                Command::FormFactors(_) => Some(later("the subcommand form-factors")),
-                Command::Serve(_) => Some(later("the subcommand serve")),
+        first_given(&[("--plan", common.plan.is_some())]).or_else(|| match self.command.as_ref()? {
+            Command::Render(args) => args.not_delivered(),
+            Command::Solve(args) => {
+                let given = [("solve --gltf", args.gltf.is_some())];
+                first_given(&given)
             }
+            Command::Probe(_) => None,
+            Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
+            Command::FormFactors(_) => None,
+            Command::Serve(_) => Some(later("the subcommand serve")),
         })
     }
 }
 
 impl RenderArgs {
     fn not_delivered(&self) -> Option<String> {
-        let given = [("--solution", self.solution.is_some()), ("--light", !self.light.is_empty()), ("--resume", self.resume)];
-        first_given(&given).or_else(|| self.pass_one.not_delivered())
+        let given = [("--resume", self.resume)];
+        first_given(&given)
     }
 }
 
 impl PassOneArgs {
-    fn not_delivered(&self) -> Option<String> {
-        refused("--form-factors", &self.form_factors, "ray-cast", &LATER_FORM_FACTORS)
-            .or_else(|| refused("--solver", &self.solver, "gauss-seidel", &LATER_SOLVERS))
+    /// The flags that say how pass one is done, as far as they were given.
+    pub fn given(&self) -> Vec<&'static str> {
+        let flags = [
+            ("--patch-size", self.patch_size.is_some()),
+            ("--tolerance", self.tolerance.is_some()),
+            ("--solver-tolerance", self.solver_tolerance.is_some()),
+            ("--form-factors", self.form_factors != FormFactorMethod::default()),
+            ("--solver", self.solver != Solver::default()),
+        ];
+        flags.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
     }
 }
 
@@ -395,14 +405,6 @@ fn first_given(flags: &[(&str, bool)]) -> Option<String> {
 
 fn later(name: &str) -> String {
     format!("{name} is not delivered in this version")
-}
-
-fn refused(flag: &str, value: &str, known: &str, later_ones: &[&str]) -> Option<String> {
-    match value {
-        value if value == known => None,
-        value if later_ones.contains(&value) => Some(later(&format!("{flag} {value}"))),
-        value => Some(format!("{flag} knows no \"{value}\"; expected {known}")),
-    }
 }
 
 #[cfg(test)]
@@ -439,6 +441,7 @@ mod tests {
             ("render a.xml --size -5x3", "--size", "WxH"),
             ("render a.xml --crop -1,2,3,4", "--crop", "X,Y,W,H"),
             ("info a.xml --patch-size -1", "--patch-size", "above 0"),
+            ("solve a.xml --form-factors magic", "--form-factors", "expected one of analytic, hemicube, ray-cast"),
             ("probe a.xml --points p.csv --samples -4", "--samples", "1 or more"),
             ("probe a.xml --points p.csv --efficacy -1", "--efficacy", "above 0"),
         ] {
@@ -456,17 +459,9 @@ mod tests {
         let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
         for (line, name) in [
             ("twopass render a.xml --plan full", "--plan"),
-            ("twopass info a.xml --max-memory 1G", "--max-memory"),
-            ("twopass render a.xml --solution a.sol", "--solution"),
-            ("twopass render a.xml --light lamp=2", "--light"),
             ("twopass render a.xml --resume", "--resume"),
-            ("twopass solve a.xml --form-factors hemicube", "--form-factors hemicube"),
-            ("twopass solve a.xml --solver cg", "--solver cg"),
-            ("twopass solve a.xml --solver magic", "magic"),
-            ("twopass solve a.xml -o a.sol", "solve --output"),
             ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
-            ("twopass form-factors a.xml --by patch", "form-factors"),
         ] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
             assert!(message.contains(name), "{line}: {message}");

@@ -13,6 +13,8 @@ use twopass::film::io::{ReadError, ReadErrorKind, WriteError};
 use twopass::load::{Fault, LoadError, Position};
 use twopass::metrics::MetricsError;
 use twopass::pipeline::PipelineError;
+use twopass::pipeline::direct::WeightError;
+use twopass::pipeline::solution_file::SolutionFileError;
 
 /// Exit code of a fault in this program.
 pub const INTERNAL: u8 = 1;
@@ -58,6 +60,12 @@ pub enum Failure {
         /// The system's words.
         error: std::io::Error,
     },
+    /// A kept solution that cannot be used.
+    #[error(transparent)]
+    Solution(#[from] SolutionFileError),
+    /// A light that cannot be weighted.
+    #[error("--light: {0}")]
+    Weight(#[from] WeightError),
     /// A plan that cannot be read.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -116,7 +124,8 @@ impl Failure {
     /// The program's exit code.
     pub fn code(&self) -> u8 {
         match self {
-            Failure::Usage(_) => USAGE,
+            Failure::Usage(_) | Failure::Weight(_) => USAGE,
+            Failure::Solution(_) => INPUT,
             Failure::Load(error) => match error.kind.fault() {
                 Fault::Usage => USAGE,
                 Fault::Invalid => INPUT,
@@ -125,7 +134,9 @@ impl Failure {
             Failure::Picture(ReadError { kind: ReadErrorKind::TooLarge { .. }, .. }) | Failure::Limit(_) => LIMIT,
             Failure::Picture(_) | Failure::Metrics(_) | Failure::Table { .. } | Failure::Plan(_) | Failure::Input { .. } => INPUT,
             Failure::Pipeline(error) => match error {
-                PipelineError::Accel(AccelError::TooManyPrimitives { .. }) | PipelineError::Patch(_) => LIMIT,
+                PipelineError::Accel(AccelError::TooManyPrimitives { .. })
+                | PipelineError::Patch(_)
+                | PipelineError::Memory { .. } => LIMIT,
                 PipelineError::Accel(_) | PipelineError::Crop(..) | PipelineError::NoFirstPass(_) => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Stopped => INTERNAL,

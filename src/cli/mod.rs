@@ -57,7 +57,8 @@ fn run(args: &Args) -> Result<(), Failure> {
         Command::Compare(args) => commands::compare::run(common, args),
         Command::Experiment(args) => commands::experiment::run(common, args),
         Command::Stability(args) => commands::stability::run(common, args),
-        Command::FormFactors(_) | Command::Serve(_) => {
+        Command::FormFactors(args) => commands::form_factors::run(common, args),
+        Command::Serve(_) => {
             unreachable!("refused before")
         }
     }

@@ -12,6 +12,9 @@ use twopass::pipeline::{PassOne, PipelineError, StageCost};
 use twopass::run_report::{Closure, Elapsed, NotFinite, PowerBalance, RunReport, SolverReport, StopReason};
 use twopass::world::walk::RayCounts;
 
+/// Relative error of radiosities, by rows that do not close, above which it is worth a warning.
+const CLOSURE_INFLUENCE: f64 = 0.01;
+
 /// A report that knows the scene and the flags.
 pub fn begin(common: &Common, loaded: &LoadedScene, method: &str, loading: Elapsed) -> RunReport {
     let mut report = RunReport::new(&loaded.scene.name, loaded.hash, method);
@@ -31,8 +34,8 @@ pub fn set(report: &mut RunReport, name: &str, value: impl Into<Value>) {
 
 /// Adds the flags of pass one.
 pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
-    set(report, "form_factors", args.form_factors.as_str());
-    set(report, "solver", args.solver.as_str());
+    set(report, "form_factors", args.form_factors.name());
+    set(report, "solver", args.solver.name());
     for (name, value) in
         [("patch_size", args.patch_size), ("tolerance", args.tolerance), ("solver_tolerance", args.solver_tolerance)]
     {
@@ -65,11 +68,19 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
 }
 
 /// Adds what pass one found.
-pub fn add_pass_one(report: &mut RunReport, pass_one: &PassOne) {
-    report.count("patches", pass_one.field.patches.len() as u64);
-    report.count("form_factors", pass_one.form_factors.n_nonzero() as u64);
-    report.count("sweeps", pass_one.solution.sweeps.into());
-    let raw = pass_one.form_factors.closure;
+pub fn add_pass_one(common: &Common, report: &mut RunReport, pass_one: &PassOne) {
+    // What was computed, and what was there already.
+    let reused = pass_one.reused;
+    let (patches, form_factors) = (pass_one.field.patches.len() as u64, pass_one.form_factors.n_nonzero() as u64);
+    for (name, kept_name, is_kept, amount) in [
+        ("patches", "patches_kept", reused.patches, patches),
+        ("form_factors", "form_factors_kept", reused.form_factors, form_factors),
+        ("sweeps", "sweeps_kept", reused.solution, pass_one.solution.sweeps.into()),
+    ] {
+        report.count(name, if is_kept { 0 } else { amount });
+        report.count(kept_name, if is_kept { amount } else { 0 });
+    }
+    let raw = pass_one.form_factors.closure();
     report.closure = Some(Closure {
         raw_row_sum_min: raw.row_sum_min,
         raw_row_sum_max: raw.row_sum_max,
@@ -77,11 +88,15 @@ pub fn add_pass_one(report: &mut RunReport, pass_one: &PassOne) {
         reciprocity_defect: raw.reciprocity_defect,
     });
     report.solver = Some(SolverReport {
-        method: "gauss-seidel".to_owned(),
+        method: pass_one.solution.solver.name().to_owned(),
         sweeps: pass_one.solution.sweeps.into(),
         error_bound: pass_one.solution.error_bound,
         converged: pass_one.solution.converged,
     });
+    if let Some(warning) = closure_warning(pass_one) {
+        say(common, &format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
     let power = &pass_one.power;
     report.power = Some(PowerBalance {
         emitted: power.emitted,
@@ -90,6 +105,20 @@ pub fn add_pass_one(report: &mut RunReport, pass_one: &PassOne) {
         truncated: Some(power.truncated),
         relative_defect: power.unaccounted.abs(),
     });
+}
+
+/// A warning if rows that do not close may count much: one that is off by delta counts delta rho/(1 - rho) times in a bright room.
+fn closure_warning(pass_one: &PassOne) -> Option<String> {
+    let defect = pass_one.form_factors.closure().corrected_defect;
+    let amplified = pass_one.solution.amplification - 1.0;
+    let influence = defect * amplified;
+    (influence > CLOSURE_INFLUENCE).then(|| {
+        format!(
+            "rows of form factors could be closed to within {defect:.1e} only, which interreflection may amplify {amplified:.0} times: \
+             radiosities may be off by {:.1} %; a smaller --tolerance helps",
+            100.0 * influence
+        )
+    })
 }
 
 /// Adds what the film holds.
@@ -144,8 +173,8 @@ pub fn verdict(report: &RunReport, interrupt: &Interrupt, kept: &str) -> Result<
     }
     match &report.solver {
         Some(solver) if !solver.converged => Err(Failure::Check(format!(
-            "pass one did not converge: after {} sweeps the error is bounded by {:.3e}",
-            solver.sweeps, solver.error_bound
+            "pass one did not converge: after {} sweeps of {} the error is bounded by {:.3e}",
+            solver.sweeps, solver.method, solver.error_bound
         ))),
         _ => Ok(()),
     }

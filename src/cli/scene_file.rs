@@ -4,7 +4,8 @@ use super::args::{Common, SceneArgs};
 use super::exit::Failure;
 use super::output::say;
 use std::path::{Path, PathBuf};
-use twopass::load::{LoadOptions, LoadedScene, load_scene};
+use twopass::load::{LoadOptions, LoadedScene, load_scene_seen};
+use twopass::scene::SceneSource;
 
 /// The file that is meant: a folder stands for the scene.xml in it.
 pub fn resolve(scene: &Path) -> PathBuf {
@@ -23,12 +24,22 @@ pub fn default_name(scene: &Path) -> String {
 
 /// Loads the scene and says what the reader warns of.
 pub fn load(common: &Common, scene: &Path, source: &SceneArgs) -> Result<LoadedScene, Failure> {
+    load_seen(common, scene, source, |_| {})
+}
+
+/// As [`load`]; `look` sees what was read before it becomes a scene.
+pub fn load_seen(
+    common: &Common,
+    scene: &Path,
+    source: &SceneArgs,
+    look: impl FnOnce(&SceneSource),
+) -> Result<LoadedScene, Failure> {
     let options = LoadOptions {
         defines: source.define.iter().map(|d| (d.name.clone(), d.value.clone())).collect(),
         allow_paths: common.allow_path.clone(),
         ..LoadOptions::default()
     };
-    let loaded = load_scene(&resolve(scene), &options)?;
+    let loaded = load_scene_seen(&resolve(scene), &options, look)?;
     for warning in &loaded.scene.warnings {
         say(common, &format!("warning: {warning}"));
     }

@@ -1,8 +1,11 @@
 //! Values of flags: text to number, with a message that says what was expected.
 
 use std::str::FromStr;
+use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{Method, ReadOut};
-use twopass::math::SamplerKind;
+use twopass::math::{Rgb, SamplerKind};
+use twopass::pipeline::LampWeight;
+use twopass::radiosity::Solver;
 
 /// `name=value`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -94,6 +97,31 @@ pub fn parse_method(text: &str) -> Result<Method, String> {
     Method::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
+/// Parses a number of bytes; K, M and G stand for 1024 and its powers.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 1 << 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 1 << 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 1 << 30),
+        _ => (text, 1_u64),
+    };
+    let bytes = digits.parse::<u64>().ok().filter(|n| *n > 0).and_then(|n| n.checked_mul(unit));
+    bytes.ok_or_else(|| "expected a number of bytes above 0, with K, M or G behind it if you like".to_owned())
+}
+
+/// Bytes of memory that this machine has, as far as it tells.
+pub fn physical_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+}
+
+/// Parses the name of a method of form factors.
+pub fn parse_form_factors(text: &str) -> Result<FormFactorMethod, String> {
+    let names = FormFactorMethod::ALL.map(FormFactorMethod::name).join(", ");
+    FormFactorMethod::by_name(text).ok_or_else(|| format!("expected one of {names}"))
+}
+
 /// Parses the name of a read-out.
 pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
     match text {
@@ -109,6 +137,27 @@ pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
 pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
     let names = SamplerKind::ALL.map(SamplerKind::name).join(", ");
     SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
+/// Parses the name of a solver.
+pub fn parse_solver(text: &str) -> Result<Solver, String> {
+    let names = Solver::ALL.map(Solver::name).join(", ");
+    Solver::ALL.into_iter().find(|s| s.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
+/// Parses `ID=SCALE` or `ID=SCALE,R,G,B`; all are factors of 0 or more.
+pub fn parse_light(text: &str) -> Result<LampWeight, String> {
+    let expected = || "expected ID=SCALE or ID=SCALE,R,G,B, each of 0 or more".to_owned();
+    // An id may hold an equals sign, a number does not.
+    let (name, factors) = text.rsplit_once('=').filter(|(name, _)| !name.is_empty()).ok_or_else(expected)?;
+    let factors: Vec<f64> =
+        factors.split(',').map(|f| parse_finite(f).ok().filter(|f| *f >= 0.0)).collect::<Option<_>>().ok_or_else(expected)?;
+    let factor = match factors[..] {
+        [scale] => Rgb::grey(scale),
+        [scale, r, g, b] => Rgb::new(r, g, b) * scale,
+        _ => return Err(expected()),
+    };
+    Ok(LampWeight { name: name.to_owned(), factor })
 }
 
 /// Name of a read-out, as it is typed.
@@ -155,11 +204,36 @@ mod tests {
         assert!("a".parse::<Define>().is_err() && "=1".parse::<Define>().is_err());
     }
 
+    /// 1 G = 1024³ bytes.
+    #[test]
+    fn numbers_of_bytes() {
+        for (text, want) in [("512", 512), ("4K", 4096), ("3m", 3 << 20), ("6G", 6 << 30)] {
+            assert_eq!(parse_bytes(text), Ok(want), "{text}");
+        }
+        for bad in ["", "G", "0", "-1", "1.5G", "1T", "99999999999999999999", "18446744073709551615K"] {
+            assert!(parse_bytes(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn weights_of_lights() {
+        let weight = |name: &str, factor: Rgb| Ok(LampWeight { name: name.into(), factor });
+        assert_eq!(parse_light("lamp=0.5"), weight("lamp", Rgb::grey(0.5)));
+        assert_eq!(parse_light("a=b=2,1,0,3"), weight("a=b", Rgb::new(2.0, 0.0, 6.0)));
+        for bad in ["lamp", "=2", "lamp=", "lamp=-1", "lamp=1,2", "lamp=1,2,3", "lamp=1,2,3,4,5", "lamp=nan", "lamp=1,1,1,-1"] {
+            assert!(parse_light(bad).is_err(), "{bad}");
+        }
+    }
+
     #[test]
     fn names_of_methods_are_those_of_the_table() {
         for method in Method::ALL {
             assert_eq!(parse_method(method.name()), Ok(method));
         }
+        for solver in Solver::ALL {
+            assert_eq!(parse_solver(solver.name()), Ok(solver));
+        }
+        assert!(parse_solver("magic").unwrap_err().contains("bicgstab"));
         assert!(parse_method("metropolis").unwrap_err().contains("two-pass-whitted"));
     }
 }

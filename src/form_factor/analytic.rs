@@ -59,6 +59,51 @@ pub fn perpendicular_rectangles(l: f64, w: f64, h: f64) -> f64 {
     (arcs + log) / (PI * w)
 }
 
+/// Form factor from a disk of radius `r1` to a coaxial parallel one of radius `r2` at distance `h` (C-41).
+pub fn coaxial_disks(r1: f64, r2: f64, h: f64) -> f64 {
+    let (a, b) = (r1 / h, r2 / h);
+    let x = 1.0 + (1.0 + b * b) / (a * a);
+    let root = (x * x - 4.0 * (b / a) * (b / a)).sqrt();
+    // The smaller of the two solutions, without the difference of large numbers.
+    2.0 * (b / a) * (b / a) / (x + root)
+}
+
+/// Form factor from a disk of radius `rd` to a sphere of radius `rs` with its centre on the disk's axis at distance `h` (C-122).
+pub fn disk_to_sphere(rs: f64, rd: f64, h: f64) -> f64 {
+    // 1 - h/sqrt(h² + rd²) without the difference.
+    let root = (h * h + rd * rd).sqrt();
+    2.0 * (rs / rd) * (rs / rd) * (rd * rd / (root * (root + h)))
+}
+
+/// Form factor from a sphere to a rectangle of sides `l1` and `l2` with a corner on the normal from the sphere's centre, at distance `d`:
+/// its solid angle over 4 pi.
+pub fn sphere_to_rectangle(d: f64, l1: f64, l2: f64) -> f64 {
+    let (a, b) = (d / l1, d / l2);
+    (1.0 / (a * a + b * b + a * a * b * b).sqrt()).atan() / (4.0 * PI)
+}
+
+/// Form factor from the inside of a cylinder of radius `r` and height `h` without its ends to itself (C-78).
+pub fn cylinder_inside(r: f64, h: f64) -> f64 {
+    let x = h / (2.0 * r);
+    1.0 + x - (1.0 + x * x).sqrt()
+}
+
+/// Form factors from the inside of a cylinder of radius `r2` to the outside of a coaxial one of radius `r1`, both of length `l`, and to
+/// itself past it (C-91, C-92).
+pub fn coaxial_cylinders(r1: f64, r2: f64, l: f64) -> (f64, f64) {
+    let (r, h) = (r2 / r1, l / r1);
+    let (a, b) = (h * h + r * r - 1.0, h * h - r * r + 1.0);
+    let root = ((a + 2.0) * (a + 2.0) - 4.0 * r * r).sqrt();
+    let bracket = root * (b / (r * a)).acos() + b * (1.0 / r).asin() - 0.5 * PI * a;
+    let to_inner = 1.0 / r - ((b / a).acos() - bracket / (2.0 * h)) / (PI * r);
+    let long = (4.0 * r * r + h * h).sqrt() / h;
+    let r2 = r * r;
+    let arc = ((4.0 * (r2 - 1.0) + h * h / r2 * (r2 - 2.0)) / (h * h + 4.0 * (r2 - 1.0))).asin();
+    let ends = long * arc - ((r2 - 2.0) / r2).asin() + 0.5 * PI * (long - 1.0);
+    let to_itself = 1.0 - 1.0 / r + 2.0 / (PI * r) * (2.0 * (r2 - 1.0).sqrt() / h).atan() - h / (2.0 * PI * r) * ends;
+    (to_inner, to_itself)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

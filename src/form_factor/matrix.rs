@@ -6,24 +6,19 @@ use rayon::prelude::*;
 
 /// Sparse rows by patch. Two parts: what is seen directly, and what is seen through mirrors and glass (extended form factors,
 /// [Sillion89]), which is coloured.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct FormFactorMatrix {
     pub(super) start: Vec<usize>,
     pub(super) column: Vec<u32>,
     pub(super) factor: Vec<f32>,
     /// Closes each row exactly in f64 over its rounded entries: a bright room amplifies what is missing by 1/(1 - rho).
     pub(super) row_scale: Vec<f64>,
+    /// Factor of each column in f64; 1 where the entries are form factors. Where they are transports S_ij, the same bits in both directions,
+    /// F_ij = (d_i / A_i) S_ij d_j is reciprocal whatever the rounding of S.
+    pub(super) column_scale: Vec<f64>,
     pub(super) specular_start: Vec<usize>,
     pub(super) specular_column: Vec<u32>,
     pub(super) specular_factor: Vec<[f32; 3]>,
-    /// Share of each row that leaves the scene, per channel (coloured by what it passed).
-    pub(super) escaped: Vec<[f32; 3]>,
-    /// Share of each row that the limit of specular events cut.
-    pub(super) truncated: Vec<[f32; 3]>,
-    /// Mean radiance that each row receives of emitters it does not see directly.
-    pub(super) arriving: Vec<Rgb>,
-    /// The same, weighted by what the diffuse part of the row's patch makes of each direction.
-    pub(super) accepted: Vec<Rgb>,
     /// Quality before correction.
     pub closure: Closure,
 }
@@ -35,14 +30,6 @@ pub struct Row {
     pub direct: Vec<(u32, f32)>,
     /// Patches seen through specular surfaces, by rising patch.
     pub specular: Vec<(u32, [f32; 3])>,
-    /// Share that escapes.
-    pub escaped: [f32; 3],
-    /// Share that was cut by the limit of specular events.
-    pub truncated: [f32; 3],
-    /// Mean radiance from emitters that are not seen directly.
-    pub arriving: Rgb,
-    /// The same, weighted by what the diffuse part of the patch makes of each direction.
-    pub accepted: Rgb,
 }
 
 impl FormFactorMatrix {
@@ -56,11 +43,8 @@ impl FormFactorMatrix {
             matrix.factor.extend(row.direct.iter().map(|e| e.1));
             matrix.specular_column.extend(row.specular.iter().map(|e| e.0));
             matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
-            matrix.escaped.push(row.escaped);
-            matrix.truncated.push(row.truncated);
-            matrix.arriving.push(row.arriving);
-            matrix.accepted.push(row.accepted);
             matrix.row_scale.push(1.0);
+            matrix.column_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
         }
@@ -74,7 +58,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 96 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 32 * self.len()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.
@@ -82,7 +66,8 @@ impl FormFactorMatrix {
     pub fn direct(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
         let range = self.start[i]..self.start[i + 1];
         let scale = self.row_scale[i];
-        self.column[range.clone()].iter().zip(&self.factor[range]).map(move |(j, f)| (*j as usize, f64::from(*f) * scale))
+        let entries = self.column[range.clone()].iter().zip(&self.factor[range]);
+        entries.map(move |(j, f)| (*j as usize, f64::from(*f) * scale * self.column_scale[*j as usize]))
     }
 
     /// Entries (j, F_ij) of row i that are seen through specular and glossy surfaces.
@@ -92,34 +77,15 @@ impl FormFactorMatrix {
         self.specular_column[range.clone()].iter().zip(&self.specular_factor[range]).map(|(j, f)| (*j as usize, Rgb::from(*f)))
     }
 
-    /// Mean radiance [W/(m² sr)] over the rays of row i that comes from emitters without reflection by a patch, except what row i sees
-    /// directly of glowing patches: from the surroundings, and by way of specular and glossy surfaces.
-    #[inline]
-    pub fn arriving(&self, i: usize) -> Rgb {
-        self.arriving[i]
-    }
-
-    /// [`Self::arriving`] weighted by what the diffuse part of the patch makes of each direction, over its mean.
-    #[inline]
-    pub fn accepted(&self, i: usize) -> Rgb {
-        self.accepted[i]
-    }
-
-    /// Share of row i that leaves the scene.
-    #[inline]
-    pub fn escaped(&self, i: usize) -> Rgb {
-        self.escaped[i].into()
-    }
-
-    /// Share of row i that the limit of specular events cut.
-    #[inline]
-    pub fn truncated(&self, i: usize) -> Rgb {
-        self.truncated[i].into()
-    }
-
     /// Sum of the direct entries of row i.
     pub fn direct_sum(&self, i: usize) -> f64 {
         self.direct(i).map(|(_, f)| f).sum()
+    }
+
+    /// out_i = sum_j F_ij x_j over what is seen directly, in parallel.
+    pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
+        let direct = |i: usize| self.direct(i).map(|(j, f)| x[j] * f).sum();
+        out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| *out = direct(i));
     }
 
     /// Measures reciprocity, then makes the direct part symmetric in A_i F_ij and scales it back to the row sums it had.
@@ -150,7 +116,7 @@ impl FormFactorMatrix {
             rows.push(row);
         }
         self.closure.reciprocity_defect = if weight > 0.0 { (defect / weight).sqrt() } else { 0.0 };
-        let scale = sinkhorn(&rows, &target, area);
+        let scale = sinkhorn(&rows, &target, area, 60, 1e-7);
         let (mut start, mut column, mut factor) = (vec![0], Vec::new(), Vec::new());
         let mut worst: f64 = 0.0;
         for (i, row) in rows.iter().enumerate() {
@@ -167,6 +133,43 @@ impl FormFactorMatrix {
         (self.start, self.column, self.factor) = (start, column, factor);
     }
 
+    /// Replaces the direct part by exchanges S_ij = A_i F_ij, given for i <= j, scaled symmetrically to the row sums of `target`; `None`: a
+    /// row that keeps its own. Reciprocity holds by construction.
+    pub fn set_exchanges(&mut self, upper: &[Vec<(u32, f64)>], area: &[f64], target: &[Option<f64>]) {
+        let n = upper.len();
+        // In units of the largest patch, so that f32 holds them in scenes of any size; rounded before they are closed, so that what closes
+        // them knows their rounding.
+        let unit = area.iter().copied().fold(0.0, f64::max);
+        let mut rows: Vec<Vec<(u32, f64)>> = vec![Vec::new(); n];
+        for (i, row) in upper.iter().enumerate() {
+            for &(j, s) in row {
+                let s = f64::from((s / unit) as f32);
+                rows[i].push((j, s));
+                if j as usize != i {
+                    rows[j as usize].push((i as u32, s));
+                }
+            }
+        }
+        rows.par_iter_mut().for_each(|row| row.sort_unstable_by_key(|e| e.0));
+        let area: Vec<f64> = area.iter().map(|a| a / unit).collect();
+        let own = |i: usize| rows[i].iter().map(|e| e.1).sum::<f64>() / area[i];
+        let target: Vec<f64> = (0..n).map(|i| target[i].unwrap_or_else(|| own(i))).collect();
+        let scale = sinkhorn(&rows, &target, &area, 400, 1e-13);
+        (self.start, self.column, self.factor) = (vec![0], Vec::new(), Vec::new());
+        let total = rows.iter().map(Vec::len).sum();
+        self.column.reserve_exact(total);
+        self.factor.reserve_exact(total);
+        for row in &rows {
+            self.column.extend(row.iter().map(|e| e.0));
+            self.factor.extend(row.iter().map(|e| e.1 as f32));
+            self.start.push(self.column.len());
+        }
+        self.row_scale = scale.iter().zip(&area).map(|(d, a)| d / a).collect();
+        self.column_scale = scale;
+        self.closure.reciprocity_defect = 0.0;
+        self.closure.corrected_defect = (0..n).map(|i| (self.direct_sum(i) - target[i]).abs()).fold(0.0, f64::max);
+    }
+
     fn transposed(&self) -> Vec<Vec<(u32, f32)>> {
         let mut rows = vec![Vec::new(); self.len()];
         for i in 0..self.len() {
@@ -180,7 +183,7 @@ impl FormFactorMatrix {
 
 impl FormFactors for FormFactorMatrix {
     fn len(&self) -> usize {
-        self.escaped.len()
+        self.row_scale.len()
     }
 
     fn gather(&self, x: &[Rgb], out: &mut [Rgb]) {
@@ -189,6 +192,25 @@ impl FormFactors for FormFactorMatrix {
             let specular: Rgb = self.specular(i).map(|(j, f)| x[j] * f).sum();
             *out = direct + specular;
         });
+    }
+
+    fn gather_groups(&self, x: &[Rgb], group: &[u8], out: &mut [Vec<Rgb>]) -> u32 {
+        let sums = (0..self.len()).into_par_iter().with_min_len(64).map(|i| {
+            let mut sums = vec![Rgb::BLACK; out.len()];
+            let mut add = |j: usize, f: Rgb| {
+                if let Some(sum) = sums.get_mut(usize::from(group[j])) {
+                    *sum += x[j] * f;
+                }
+            };
+            self.direct(i).for_each(|(j, f)| add(j, Rgb::grey(f)));
+            self.specular(i).for_each(|(j, f)| add(j, f));
+            sums
+        });
+        let sums: Vec<Vec<Rgb>> = sums.collect();
+        for (g, out) in out.iter_mut().enumerate() {
+            out.iter_mut().zip(&sums).for_each(|(out, sums)| *out = sums[g]);
+        }
+        1
     }
 
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
@@ -203,27 +225,17 @@ impl FormFactors for FormFactorMatrix {
 
 /// Factors d so that sum_j d_i S_ij d_j = A_i target_i, by a damped fixed point. They stay within [1/2, 2]: an open scene need not
 /// have an exact solution, and a row of few hits must not be blown up.
-fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64]) -> Vec<f64> {
-    const SWEEPS: usize = 60;
-    const CLOSE_ENOUGH: f64 = 1e-7;
+fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64], sweeps: u32, close_enough: f64) -> Vec<f64> {
     let mut d = vec![1.0; rows.len()];
-    for _ in 0..SWEEPS {
-        let mut worst: f64 = 0.0;
-        let next: Vec<f64> = rows
-            .iter()
-            .enumerate()
-            .map(|(i, row)| {
-                let sum: f64 = row.iter().map(|(j, s)| s * d[*j as usize]).sum::<f64>() * d[i];
-                if sum <= 0.0 {
-                    return d[i];
-                }
-                let ratio = area[i] * target[i] / sum;
-                worst = worst.max((ratio - 1.0).abs());
-                (d[i] * ratio.sqrt()).clamp(0.5, 2.0)
-            })
-            .collect();
-        d = next;
-        if worst < CLOSE_ENOUGH {
+    for _ in 0..sweeps {
+        let ratio = |(i, row): (usize, &Vec<(u32, f64)>)| {
+            let sum: f64 = row.iter().map(|(j, s)| s * d[*j as usize]).sum::<f64>() * d[i];
+            if sum > 0.0 { area[i] * target[i] / sum } else { 1.0 }
+        };
+        let ratios: Vec<f64> = rows.par_iter().enumerate().with_min_len(64).map(ratio).collect();
+        d.iter_mut().zip(&ratios).for_each(|(d, ratio)| *d = (*d * ratio.sqrt()).clamp(0.5, 2.0));
+        let worst = ratios.iter().map(|ratio| (ratio - 1.0).abs()).fold(0.0, f64::max);
+        if worst < close_enough {
             break;
         }
     }

@@ -3,16 +3,30 @@
 //! Unitless, in [0, 1]; A_i F_ij = A_j F_ji; in a closed scene the row of i sums to 1 [Cohen93, chapter 4].
 
 pub mod analytic;
+pub mod blockers;
+pub mod hemicube;
+pub mod hierarchy;
 pub mod matrix;
+pub mod memory;
+pub mod method;
+pub mod outside;
+pub mod pairs;
+pub mod polygon;
 pub mod ray_cast;
+pub mod stored;
+pub mod visibility;
 
+pub use hierarchy::Hierarchy;
 pub use matrix::FormFactorMatrix;
+pub use method::{FormFactorMethod, FormFactorSettings};
+pub use outside::Outside;
+pub use stored::Stored;
 
 use crate::math::Rgb;
 use serde::Serialize;
 
 /// What the rows looked like before anything was corrected: the honest quality of the form factors.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, serde::Deserialize)]
 pub struct Closure {
     /// Smallest sum of a row, what escapes included. 1 in theory.
     pub row_sum_min: f64,
@@ -45,6 +59,22 @@ pub trait FormFactors: Sync {
     /// Shows the entries (j, F_ij) of row `i` that are not zero, several for the same j where light takes several ways. Grouped form
     /// factors are spread over their patches, so that a row may cost as much as there are patches.
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb));
+
+    /// out[g]_i = sum over the patches j of group g of F_ij x_j. Patches of groups that `out` does not have are left out. Returns how many
+    /// times the form factors were gone through: once for each group, unless there is a better way.
+    fn gather_groups(&self, x: &[Rgb], group: &[u8], out: &mut [Vec<Rgb>]) -> u32 {
+        for (g, out) in out.iter_mut().enumerate() {
+            let part = x.iter().zip(group).map(|(x, of)| if usize::from(*of) == g { *x } else { Rgb::BLACK });
+            self.gather(&part.collect::<Vec<Rgb>>(), out);
+        }
+        out.len() as u32
+    }
+
+    /// Names pairs of patches (i, j) with F_ij > 0, enough of them that whoever exchanges light, directly or by others, is joined by a
+    /// chain of pairs. All pairs, unless the form factors are grouped and fewer will do.
+    fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
+        (0..self.len()).for_each(|i| self.row(i, &mut |j, _| pair(i, j)));
+    }
 
     /// True if A_i F_ij = A_j F_ji for all pairs, up to rounding: what conjugate gradients rest on. Light through specular surfaces is
     /// measured one way only.

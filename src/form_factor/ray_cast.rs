@@ -4,6 +4,7 @@
 //! [Sillion89]). A row closes exactly, whatever the number of rays; the error shows in reciprocity.
 
 use super::matrix::{FormFactorMatrix, Row};
+use super::outside::{Outside, OutsideRow};
 use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::{Observer, Progress, Stage};
@@ -39,7 +40,7 @@ impl RayCastSettings {
     }
 
     /// Rays of patch `i`. What a small patch sends and blocks counts by its area, and so does the error that its rays leave.
-    fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
+    pub fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
         let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.125, 1.0);
         ((f64::from(self.rays) * share) as u32).next_power_of_two()
     }
@@ -52,15 +53,17 @@ pub fn cast(
     settings: &RayCastSettings,
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
-) -> Option<FormFactorMatrix> {
+) -> Option<(FormFactorMatrix, Outside)> {
     let n = patches.len();
     let mut rows = Vec::with_capacity(n);
+    let mut outside = Outside::default();
     while rows.len() < n {
         let batch = rows.len()..n.min(rows.len() + BATCH);
-        let cast: Vec<(Row, RayCounts)> =
+        let cast: Vec<(Row, OutsideRow, RayCounts)> =
             batch.into_par_iter().map(|i| cast_row(world, patches, PatchId(i as u32), settings)).collect();
-        for (row, row_counts) in cast {
+        for (row, beside, row_counts) in cast {
             rows.push(row);
+            outside.push(beside);
             *counts += row_counts;
         }
         let progress = Progress { stage: Stage::FormFactors, done: rows.len() as f64, total: n as f64 };
@@ -70,19 +73,19 @@ pub fn cast(
     }
     let mut matrix = FormFactorMatrix::from_rows(rows);
     let sums =
-        (0..n).map(|i| matrix.direct_sum(i) + matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>() + matrix.escaped(i).max());
+        (0..n).map(|i| matrix.direct_sum(i) + matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>() + outside.escaped(i).max());
     let (low, high) = sums.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(s), h.max(s)));
     if n > 0 {
         (matrix.closure.row_sum_min, matrix.closure.row_sum_max) = (low, high);
-        matrix.closure.escaped_max = (0..n).map(|i| matrix.escaped(i).max()).fold(0.0, f64::max);
+        matrix.closure.escaped_max = (0..n).map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
     }
     let rays: Vec<f64> = (0..n).map(|i| f64::from(settings.rays_of(patches, i))).collect();
     matrix.symmetrise(&patches.area, &rays);
-    Some(matrix)
+    Some((matrix, outside))
 }
 
 /// The row of one patch.
-fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastSettings) -> (Row, RayCounts) {
+fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastSettings) -> (Row, OutsideRow, RayCounts) {
     let mut counts = RayCounts::default();
     let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
@@ -134,10 +137,12 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
             .chunk_by(|a, b| a.0 == b.0)
             .map(|same| (same[0].0, (same.iter().map(|e| e.1).sum::<Rgb>() * share).to_array().map(|v| v as f32)))
             .collect(),
+    };
+    let outside = OutsideRow {
         escaped: (escaped * share).to_array().map(|v| v as f32),
         truncated: (truncated * share).to_array().map(|v| v as f32),
         arriving: arriving * share,
         accepted: accepted * share,
     };
-    (row, counts)
+    (row, outside, counts)
 }

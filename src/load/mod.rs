@@ -43,7 +43,7 @@ mod xml;
 
 pub use error::{Fault, LoadError, LoadErrorKind, Position};
 
-use crate::scene::{Scene, SceneError};
+use crate::scene::{Scene, SceneError, SceneSource};
 use error::Place;
 use files::Files;
 use std::path::{Path, PathBuf};
@@ -129,6 +129,14 @@ pub struct LoadedScene {
 /// # Errors
 /// [`LoadError`] with file, place, and what was expected there.
 pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, LoadError> {
+    load_scene_seen(path, options, |_| {})
+}
+
+/// As [`load_scene`]; `look` sees what was read, in f64 and the file's coordinates, before it becomes a scene.
+///
+/// # Errors
+/// As [`load_scene`].
+pub fn load_scene_seen(path: &Path, options: &LoadOptions, look: impl FnOnce(&SceneSource)) -> Result<LoadedScene, LoadError> {
     let in_file = |kind: LoadErrorKind| kind.in_file(path);
     let files = Files::beside(path, options).map_err(in_file)?;
     // The file itself was named by the user: it may be a link to anywhere.
@@ -151,6 +159,7 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<LoadedScene, Loa
         }
     };
     let shape_ids: Vec<String> = source.shapes.iter().map(|s| s.id.clone()).collect();
+    look(&source);
     let scene = Scene::new(source).map_err(|fault| at_shape(fault, &shape_ids, &places, &main))?;
     let (hash, files) = files.summary(&options.defines);
     Ok(LoadedScene { scene, hash, crop, files })

@@ -312,6 +312,15 @@ impl Material {
         }
     }
 
+    /// True if it does nothing but reflect diffusely, on whichever side.
+    pub fn is_diffuse(&self) -> bool {
+        match self {
+            Material::Diffuse { .. } => true,
+            Material::TwoSided(inner) => inner.is_diffuse(),
+            _ => false,
+        }
+    }
+
     /// True if a surface that is not two-sided as a whole reflects diffusely from below as well.
     pub fn has_diffuse_below(&self) -> bool {
         match self {

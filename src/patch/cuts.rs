@@ -18,7 +18,7 @@ const SHORTEST: f64 = 0.5;
 const MOST: usize = 96;
 
 /// A line function a u + b v + c over barycentric coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Line {
     /// Factor of u.
     pub a: f64,

@@ -40,6 +40,18 @@ impl PatchMesh {
         }
     }
 
+    /// Reflectances and emission anew, of patches that were made for the same shapes under other paint or light.
+    pub fn measure_light(&mut self, world: &World) {
+        let measured: Vec<(Rgb, Rgb)> = (0..self.len())
+            .into_par_iter()
+            .map(|i| {
+                let m = self.measure_element(world, self.element_of[i] as usize);
+                (m.rho, if self.side[i] { m.emission * PI } else { Rgb::BLACK })
+            })
+            .collect();
+        (self.rho, self.exitance) = measured.into_iter().unzip();
+    }
+
     fn add_patch(&mut self, element: usize, front: bool, m: &Measured, rho: Rgb, exitance: Rgb) -> PatchId {
         let id = PatchId(self.area.len() as u32);
         self.area.push(m.area);

@@ -6,11 +6,12 @@
 pub mod cluster;
 pub mod cuts;
 mod measure;
+pub mod outline;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
-use crate::math::{Rgb, Vec2, Vec3, warp};
-use crate::scene::ShapeSurface;
+use crate::math::{DVec3, Rgb, Vec2, Vec3, warp};
+use crate::scene::{Scene, Shape, ShapeSurface};
 use crate::world::{SurfaceInteraction, World};
 use cuts::Cutters;
 use std::f64::consts::PI;
@@ -24,11 +25,11 @@ const BORDER_MARGIN: f64 = 1e-6;
 const SMALLEST_CUT: f64 = 1.0 / 64.0;
 
 /// Index of a patch.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 pub struct PatchId(pub u32);
 
 /// How finely the scene is cut.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PatchSettings {
     /// Edge length of a patch in scene units; `None`: chosen so that the scene's area makes about `elements`.
     pub patch_size: Option<f64>,
@@ -44,7 +45,7 @@ pub const DEFAULT_ELEMENTS: f64 = 4000.0;
 
 impl Default for PatchSettings {
     fn default() -> Self {
-        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 400_000 }
+        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 4_000_000 }
     }
 }
 
@@ -66,7 +67,7 @@ pub enum PatchError {
 }
 
 /// A triangle of an element: corners as barycentric weights on one triangle primitive, or one cell of a sphere's grid.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 enum Piece {
     /// `inset` is the factor by which the corners were moved towards the middle of their polygon; areas are those without it.
     Triangle {
@@ -84,7 +85,7 @@ enum Piece {
 }
 
 /// A piece of surface that is one patch on each side that reflects or emits.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 struct Element {
     pieces: std::ops::Range<u32>,
     front: Option<PatchId>,
@@ -92,7 +93,7 @@ struct Element {
 }
 
 /// How a primitive finds its element.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 enum Lookup {
     None,
     Whole(u32),
@@ -101,6 +102,7 @@ enum Lookup {
 }
 
 /// All patches, as arrays.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct PatchMesh {
     /// Area [m²].
     pub area: Vec<f64>,
@@ -131,7 +133,7 @@ impl PatchMesh {
     /// # Errors
     /// [`PatchError::TooMany`] before anything large is made.
     pub fn build(world: &World, settings: &PatchSettings) -> Result<PatchMesh, PatchError> {
-        let relevant: Vec<bool> = world.scene().shapes.iter().map(|s| needs_patches(world, s)).collect();
+        let relevant: Vec<bool> = world.scene().shapes.iter().map(|s| needs_patches(world.scene(), s)).collect();
         let total: f64 = world.scene().shapes.iter().zip(&relevant).filter(|(_, r)| **r).map(|(s, _)| s.area()).sum();
         let patch_size = settings.patch_size.unwrap_or_else(|| (total / settings.elements).sqrt());
         let estimate = total / (patch_size * patch_size);
@@ -168,6 +170,14 @@ impl PatchMesh {
         Ok(mesh)
     }
 
+    /// Elements that [`Self::build`] will make, from areas alone: each is a patch on one side or on both, and cuts make more of them.
+    pub fn expected(world: &World, settings: &PatchSettings) -> f64 {
+        settings.patch_size.map_or(settings.elements, |size| {
+            let shapes = world.scene().shapes.iter().filter(|s| needs_patches(world.scene(), s));
+            shapes.map(|s| s.area()).sum::<f64>() / (size * size)
+        })
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.area.len()
@@ -180,13 +190,57 @@ impl PatchMesh {
 
     /// For each patch: true if the lamp it belongs to is found by shadow rays, so that form factors must not carry its emission.
     pub fn found_by_shadow_rays(&self, world: &World) -> Vec<bool> {
-        let shape = |element: u32| {
-            let first = self.elements[element as usize].pieces.start as usize;
-            match self.pieces[first] {
-                Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
+        self.shapes(world).into_iter().map(|shape| world.partition().found_by_shadow_rays(shape)).collect()
+    }
+
+    /// For each patch the index of its shape.
+    pub fn shapes(&self, world: &World) -> Vec<usize> {
+        self.element_of.iter().map(|&e| self.shape_of(world, e)).collect()
+    }
+
+    fn shape_of(&self, world: &World, element: u32) -> usize {
+        let first = self.elements[element as usize].pieces.start as usize;
+        match self.pieces[first] {
+            Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
+        }
+    }
+
+    /// The shape that patch `id` belongs to, and whether it is for its front.
+    pub fn side_of(&self, world: &World, id: PatchId) -> (u32, bool) {
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let (Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. }) =
+            self.pieces[element.pieces.start as usize];
+        (world.shape_index(primitive) as u32, self.side[id.0 as usize])
+    }
+
+    /// The convex polygons of patch `id` in coordinates of the scene, counter-clockwise as seen from its side; `None` if it is curved. Their
+    /// corners are as exact as the patch's own, to about 1e-7 of the triangle they are cut from.
+    pub fn polygons(&self, world: &World, id: PatchId) -> Option<Vec<Vec<DVec3>>> {
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let mut polygons: Vec<(u32, f64, Vec<DVec3>)> = Vec::new();
+        for piece in &self.pieces[element.pieces.start as usize..element.pieces.end as usize] {
+            let Piece::Triangle { primitive, corners, inset } = *piece else { return None };
+            let [a, b, c] = world.soup().corners(primitive as usize).map(|c| c.as_dvec3());
+            let place = |w: [f32; 2]| a + (b - a) * f64::from(w[0]) + (c - a) * f64::from(w[1]);
+            // Pieces of one primitive are the fan of one polygon, all drawn in by the same factor.
+            match polygons.last_mut().filter(|(of, ..)| *of == primitive) {
+                Some((.., polygon)) => polygon.push(place(corners[2])),
+                None => polygons.push((primitive, f64::from(inset), corners.map(place).to_vec())),
             }
-        };
-        self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
+        }
+        let restored = polygons.into_iter().map(|(primitive, inset, mut polygon)| {
+            let middle = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
+            polygon.iter_mut().for_each(|c| *c = middle + (*c - middle) / inset);
+            let seen = world.on_triangle(primitive, (1.0 / 3.0, 1.0 / 3.0), Vec3::Z);
+            let front = if seen.front { seen.ng } else { -seen.ng };
+            // All of it: clipping leaves corners that all but coincide.
+            let turns: DVec3 = polygon.windows(2).map(|e| (e[0] - middle).cross(e[1] - middle)).sum();
+            if (turns.dot(front.as_dvec3()) > 0.0) != self.side[id.0 as usize] {
+                polygon.reverse();
+            }
+            polygon
+        });
+        Some(restored.collect())
     }
 
     fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {
@@ -330,7 +384,8 @@ impl PatchMesh {
     }
 }
 
-fn needs_patches(world: &World, shape: &crate::scene::Shape) -> bool {
-    let material = &world.scene().material_of(shape).material;
+/// True if a shape has patches: it emits, or some of it reflects diffusely.
+pub fn needs_patches(scene: &Scene, shape: &Shape) -> bool {
+    let material = &scene.material_of(shape).material;
     shape.emits() || material.has_diffuse()
 }

@@ -20,7 +20,7 @@ pub const NO_PIECE: u32 = u32::MAX;
 /// A piece thinner than this share of its triangle stays with its neighbour.
 const SLIVER: f64 = 1e-9;
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Node {
     line: Line,
     /// Where the line's value is below 0, and where it is not; leaves are stored as `LEAF | index`.
@@ -30,7 +30,7 @@ struct Node {
 const LEAF: u32 = 1 << 31;
 
 /// The pieces of one triangle.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct SplitTree {
     nodes: Vec<Node>,
     root: u32,

@@ -1,17 +1,23 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
 pub mod cost;
+pub mod direct;
+pub mod form_factor_table;
+pub mod keys;
 pub mod pass_one;
 pub mod probe;
 mod progressive;
+pub mod solution_file;
 pub mod surface_points;
 
 pub use cost::{StageCost, StageCosts};
-pub use pass_one::{PassOne, PassOneSettings};
+pub use direct::LampWeight;
+pub use pass_one::{Kept, PassOne, PassOneSettings, Whole};
 
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
+use crate::form_factor::FormFactorMethod;
 use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
 use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
 use crate::math::SamplerKind;
@@ -110,6 +116,23 @@ pub enum PipelineError {
     /// Too many patches.
     #[error(transparent)]
     Patch(#[from] PatchError),
+    /// Patches and form factors would take more memory than they may.
+    #[error(
+        "pass one over about {patches} patches would take {} MB by {} form factors, more than the {} MB of --max-memory; \
+         larger patches (--patch-size){} take less",
+        predicted / 1_000_000, method.name(), limit / 1_000_000,
+        if *method == FormFactorMethod::Hierarchical { " or a larger --tolerance" } else { " or --form-factors hierarchical" }
+    )]
+    Memory {
+        /// Patches expected, or made.
+        patches: u64,
+        /// Bytes predicted.
+        predicted: u64,
+        /// The limit [bytes].
+        limit: u64,
+        /// How form factors were to be computed.
+        method: FormFactorMethod,
+    },
     /// No solution exists.
     #[error(transparent)]
     Solve(#[from] SolveError),
@@ -178,12 +201,45 @@ pub fn render(
     render_world(world, settings, clocks, watch, observer, snapshot)
 }
 
+/// Pass two over a kept solution, for a scene whose lamps were made `weights` times as strong.
+///
+/// The settings of pass one in `settings` are to be those of the solution. Otherwise as [`render`].
+///
+/// # Errors
+/// [`PipelineError`] if there is nothing to show.
+pub fn render_kept(
+    scene: Scene,
+    settings: &RenderSettings,
+    (kept, weights): (Whole, &[LampWeight]),
+    clocks: &Clocks,
+    observer: &mut Observer<'_>,
+    snapshot: &mut Snapshot<'_>,
+) -> Result<Rendered, PipelineError> {
+    let mut watch = StageCosts::default();
+    frame_of(&scene, settings)?;
+    let world = watch.time(Stage::Tree, || World::new(scene, settings.accel))?;
+    let pass_one = watch.time(Stage::Patches, || kept.weighted(&world, weights));
+    render_over((world, Some(pass_one)), settings, clocks, watch, observer, snapshot)
+}
+
 /// Both passes over a world that is ready; `watch` holds what making it cost.
 ///
 /// # Errors
 /// As [`render`].
 pub fn render_world(
     world: World,
+    settings: &RenderSettings,
+    clocks: &Clocks,
+    watch: StageCosts,
+    observer: &mut Observer<'_>,
+    snapshot: &mut Snapshot<'_>,
+) -> Result<Rendered, PipelineError> {
+    render_over((world, None), settings, clocks, watch, observer, snapshot)
+}
+
+/// Both passes, or the second over a first one that is there.
+fn render_over(
+    (world, given): (World, Option<PassOne>),
     settings: &RenderSettings,
     clocks: &Clocks,
     mut watch: StageCosts,
@@ -203,7 +259,9 @@ pub fn render_world(
     let progressive = read_out == Some(ReadOut::Progressive);
     let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
     let first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
-    let mut pass_one = if needs_pass_one {
+    let mut pass_one = if given.is_some() {
+        given.filter(|_| needs_pass_one)
+    } else if needs_pass_one {
         Some(pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer)?)
     } else {
         None
@@ -256,11 +314,26 @@ pub fn solve(scene: Scene, settings: &RenderSettings, observer: &mut Observer<'_
 pub fn solve_world(
     world: World,
     settings: &RenderSettings,
+    costs: StageCosts,
+    observer: &mut Observer<'_>,
+) -> Result<Solved, PipelineError> {
+    solve_from(world, settings, Kept::default(), costs, observer)
+}
+
+/// Pass one alone, as far as it is not `kept` from an earlier run.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_from(
+    world: World,
+    settings: &RenderSettings,
+    kept: Kept,
     mut costs: StageCosts,
     observer: &mut Observer<'_>,
 ) -> Result<Solved, PipelineError> {
     let mut counts = RayCounts::default();
-    let pass_one = pass_one::solve(&world, &settings.pass_one, settings.seed, &mut costs, &mut counts, observer)?;
+    let settings = (&settings.pass_one, settings.seed);
+    let pass_one = pass_one::solve_from(&world, settings, kept, &mut costs, &mut counts, observer)?;
     Ok(Solved { world, pass_one, counts, stages: costs.stages })
 }
 

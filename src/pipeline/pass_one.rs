@@ -1,36 +1,65 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
+use super::direct::{self, DIRECT_POINTS, Lamp, LampLight, LampWeight};
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::FormFactorMatrix;
-use crate::form_factor::ray_cast::{self, RayCastSettings};
-use crate::material::Scattering;
-use crate::math::{Rgb, Sampler, sampler::mix};
-use crate::patch::{PatchId, PatchMesh, PatchSettings};
+use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, memory, method};
+use crate::light::Light;
+use crate::math::{Rgb, sampler::mix};
+use crate::patch::{PatchMesh, PatchSettings};
 use crate::progress::{Observer, Progress, Stage};
-use crate::radiosity::{Incident, RadiosityField, RadiositySystem, Solution, SolverSettings, gauss_seidel};
+use crate::radiosity::{self, Incident, RadiosityField, RadiositySystem, Solution, Solver, SolverSettings};
+use crate::world::World;
 use crate::world::walk::RayCounts;
-use crate::world::{DirectSampling, ShadowRay, World};
-use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their area, but a quarter at least.
-const DIRECT_POINTS: f64 = 32.0;
-
 /// How pass one is done.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PassOneSettings {
     /// The patches.
     pub patches: PatchSettings,
-    /// Standard error allowed to any form factor.
+    /// How form factors are computed.
+    pub form_factors: FormFactorMethod,
+    /// Error allowed to any form factor, in the method's own sense.
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
+    /// True: the light of each lamp is solved for by itself, so that lamps can be made stronger or weaker afterwards.
+    pub by_light: bool,
+    /// Most bytes that patches and form factors may take; `None`: whatever they need.
+    pub max_memory: Option<u64>,
 }
 
 impl Default for PassOneSettings {
     /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
-        Self { patches: PatchSettings::default(), form_factor_tolerance: 0.0221, solver: SolverSettings::default() }
+        let form_factors = FormFactorMethod::default();
+        Self {
+            patches: PatchSettings::default(),
+            form_factors,
+            form_factor_tolerance: form_factors.default_tolerance(),
+            solver: SolverSettings::default(),
+            by_light: false,
+            max_memory: None,
+        }
+    }
+}
+
+impl PassOneSettings {
+    /// Patches that it will have, about, and the bytes that it takes for them at most.
+    pub fn predicted(&self, world: &World) -> (f64, f64) {
+        let patches = PatchMesh::expected(world, &self.patches);
+        (patches, memory::predicted(patches, &self.form_factor_settings(0)))
+    }
+
+    /// How form factors are made under `seed`.
+    pub fn form_factor_settings(&self, seed: u64) -> FormFactorSettings {
+        FormFactorSettings {
+            method: self.form_factors,
+            tolerance: self.form_factor_tolerance,
+            shadow_rays: DIRECT_POINTS,
+            seed: mix(seed ^ 0x00f0_0f0f),
+        }
     }
 }
 
@@ -39,11 +68,118 @@ pub struct PassOne {
     /// What pass two reads.
     pub field: RadiosityField,
     /// Form factors.
-    pub form_factors: FormFactorMatrix,
+    pub form_factors: Stored,
+    /// What patches see besides each other.
+    pub outside: Outside,
+    /// Direct light of the lamps that shadow rays find.
+    pub lamps: Vec<LampLight>,
+    /// The light of the solution in parts that add up to it: by lamp if that was asked for, or all in one.
+    pub groups: Vec<LightGroup>,
     /// How the system was solved.
     pub solution: Solution,
     /// Where the light went.
     pub power: PowerBalance,
+    /// What was not computed but taken from a file.
+    pub reused: Reused,
+}
+
+/// Stages whose results were there already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reused {
+    /// The patches.
+    pub patches: bool,
+    /// The form factors.
+    pub form_factors: bool,
+    /// The direct light.
+    pub lamps: bool,
+    /// The solution.
+    pub solution: bool,
+}
+
+/// What is known already: each stage needs those before it.
+#[derive(Default)]
+pub struct Kept {
+    /// The patches, whatever their reflectance and emission.
+    pub patches: Option<PatchMesh>,
+    /// Form factors, and what patches see besides each other.
+    pub form_factors: Option<(Stored, Outside)>,
+    /// Direct light, at whatever strengths the lamps had.
+    pub lamps: Option<Vec<LampLight>>,
+    /// The solution.
+    pub solved: Option<(SolutionSummary, Vec<LightGroup>)>,
+}
+
+/// A solution with all that it rests on, as a file keeps it.
+pub struct Whole {
+    /// The patches, whatever their reflectance and emission.
+    pub patches: PatchMesh,
+    /// Form factors.
+    pub form_factors: Stored,
+    /// What patches see besides each other.
+    pub outside: Outside,
+    /// Direct light of the lamps that shadow rays find.
+    pub lamps: Vec<LampLight>,
+    /// How the system was solved.
+    pub summary: SolutionSummary,
+    /// The light in parts.
+    pub groups: Vec<LightGroup>,
+}
+
+impl Whole {
+    /// Pass one for a world whose lamps are `weights` times as strong as they were when it was solved. Light adds up: nothing is solved.
+    pub fn weighted(self, world: &World, weights: &[LampWeight]) -> PassOne {
+        let Self { mut patches, form_factors, outside, lamps, summary, groups } = self;
+        patches.measure_light(world);
+        let scale: Vec<Rgb> = groups.iter().map(|group| weight_of(&group.lamp.name, weights)).collect();
+        let field = assemble(patches, &lamps, &groups, &scale);
+        let power = balance(world, &field, &outside);
+        let solution = summary.with(Vec::new());
+        let reused = Reused { patches: true, form_factors: true, lamps: true, solution: true };
+        PassOne { field, form_factors, outside, lamps, groups, solution, power, reused }
+    }
+}
+
+fn weight_of(name: &str, weights: &[LampWeight]) -> Rgb {
+    weights.iter().filter(|w| !name.is_empty() && w.name == name).fold(Rgb::WHITE, |product, w| product * w.factor)
+}
+
+/// Part of the light: that of one lamp, or all of it.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct LightGroup {
+    /// The lamp; without a name it is light of several, which cannot be told apart.
+    pub lamp: Lamp,
+    /// Its place among the lamps that shadow rays find; `None` if it is none of them, or all.
+    pub shadow: Option<usize>,
+    /// Irradiance of each patch by emission that form factors find [W/m²]; empty: none.
+    pub gathered: Vec<Incident>,
+    /// Irradiance of each patch by light that patches have reflected [W/m²].
+    pub indirect: Vec<Rgb>,
+}
+
+/// A [`Solution`] without its irradiances.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SolutionSummary {
+    sweeps: u32,
+    error_bound: f64,
+    spectral_bound: f64,
+    amplification: f64,
+    rooms: u32,
+    solver: Solver,
+    converged: bool,
+}
+
+impl From<&Solution> for SolutionSummary {
+    fn from(s: &Solution) -> Self {
+        let Solution { sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged, .. } = *s;
+        Self { sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged }
+    }
+}
+
+impl SolutionSummary {
+    fn with(self, irradiance: Vec<Rgb>) -> Solution {
+        let Self { sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged } = self;
+        Solution { irradiance, sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged }
+    }
 }
 
 /// Power of all light over the three channels [W]. What mirrors and glass absorb is the rest.
@@ -74,83 +210,203 @@ pub fn solve(
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Result<PassOne, PipelineError> {
-    let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
+    solve_from(world, (settings, seed), Kept::default(), watch, counts, observer)
+}
+
+/// Solves pass one, as far as it is not known already.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_from(
+    world: &World,
+    (settings, seed): (&PassOneSettings, u64),
+    kept: Kept,
+    watch: &mut StageCosts,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Result<PassOne, PipelineError> {
+    let mut reused = Reused { patches: kept.patches.is_some(), ..Reused::default() };
+    let how = settings.form_factor_settings(seed);
+    if kept.form_factors.is_none() {
+        fits(PatchMesh::expected(world, &settings.patches), &how, settings.max_memory)?;
+    }
+    let patches = watch.time(Stage::Patches, || match kept.patches {
+        Some(mut patches) => {
+            patches.measure_light(world);
+            Ok(patches)
+        }
+        None => PatchMesh::build(world, &settings.patches),
+    })?;
+    if kept.form_factors.is_none() {
+        fits(patches.len() as f64, &how, settings.max_memory)?;
+    }
     stop_if_asked(observer, Stage::Patches)?;
-    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, DIRECT_POINTS, mix(seed ^ 0x00f0_0f0f));
-    let shadow =
-        watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, ray_cast.rays_beside_shadow_rays, seed, counts));
+    let lamps = kept.lamps.and_then(|lamps| direct::with_strengths_of(world, lamps));
+    reused.lamps = lamps.is_some();
+    let measure = || direct::measure(world, &patches, how.rays_beside_shadow_rays(world), seed, counts);
+    let lamps = watch.time(Stage::PatchDirect, || lamps.unwrap_or_else(measure));
     stop_if_asked(observer, Stage::PatchDirect)?;
-    let form_factors = watch
-        .time(Stage::FormFactors, || ray_cast::cast(world, &patches, &ray_cast, counts, observer))
-        .ok_or(PipelineError::Stopped)?;
-    let gathered = gathered_irradiance(world, &patches, &form_factors);
-    let source: Vec<Rgb> = shadow.iter().zip(&gathered).map(|(a, b)| a.accepted + b.accepted).collect();
-    let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: &form_factors, source };
-    let solution = watch.time(Stage::Solve, || gauss_seidel::solve(&system, &settings.solver, observer))?;
-    let indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
-    let field = RadiosityField::new(patches, shadow, gathered, indirect);
-    let power = balance(world, &field, &form_factors);
-    Ok(PassOne { field, form_factors, solution, power })
+    reused.form_factors = kept.form_factors.is_some();
+    let compute = || method::build(world, &patches, &how, counts, observer);
+    let (form_factors, outside) =
+        watch.time(Stage::FormFactors, || kept.form_factors.or_else(compute)).ok_or(PipelineError::Stopped)?;
+    reused.solution = kept.solved.is_some();
+    let (solution, groups) = match kept.solved {
+        Some((summary, groups)) => (summary.with(Vec::new()), groups),
+        None => watch.time(Stage::Solve, || {
+            let groups = groups(world, settings, (&patches, &form_factors, &outside), &lamps);
+            solve_groups(settings, (&patches, &form_factors), groups, &lamps, observer)
+        })?,
+    };
+    let field = assemble(patches, &lamps, &groups, &[]);
+    let power = balance(world, &field, &outside);
+    Ok(PassOne { field, form_factors, outside, lamps, groups, solution, power, reused })
+}
+
+/// The field of lamps and groups, with a factor on each group; none: all as they are.
+fn assemble(patches: PatchMesh, lamps: &[LampLight], groups: &[LightGroup], scale: &[Rgb]) -> RadiosityField {
+    let n = patches.len();
+    let (mut shadow, mut gathered, mut indirect) =
+        (vec![Incident::default(); n], vec![Incident::default(); n], vec![Rgb::BLACK; n]);
+    let add = |to: &mut [Incident], from: &[Incident], scale: Rgb| {
+        to.iter_mut().zip(from).for_each(|(to, from)| {
+            to.irradiance += from.irradiance * scale;
+            to.accepted += from.accepted * scale;
+        });
+    };
+    let scale_of = |group: usize| scale.get(group).copied().unwrap_or(Rgb::WHITE);
+    for (lamp, light) in lamps.iter().enumerate() {
+        let group = groups.iter().position(|g| g.shadow == Some(lamp));
+        add(&mut shadow, &light.incident, group.map_or(Rgb::WHITE, scale_of));
+    }
+    for (g, group) in groups.iter().enumerate() {
+        add(&mut gathered, &group.gathered, scale_of(g));
+        indirect.iter_mut().zip(&group.indirect).for_each(|(to, from)| *to += *from * scale_of(g));
+    }
+    RadiosityField::new(patches, shadow, gathered, indirect)
+}
+
+/// The light in groups, not solved yet: one of all, or, by lamp, one for each lamp that shadow rays find, one for each glowing shape, and
+/// one for what came by other ways than straight ones, of which nobody knows whose it is.
+fn groups(
+    world: &World,
+    settings: &PassOneSettings,
+    (patches, form_factors, outside): (&PatchMesh, &Stored, &Outside),
+    lamps: &[LampLight],
+) -> Vec<LightGroup> {
+    if !settings.by_light {
+        return vec![LightGroup {
+            gathered: gathered_irradiance(world, patches, form_factors, outside),
+            ..LightGroup::default()
+        }];
+    }
+    let mut groups: Vec<LightGroup> = lamps
+        .iter()
+        .enumerate()
+        .map(|(k, light)| LightGroup { lamp: light.lamp.clone(), shadow: Some(k), ..LightGroup::default() })
+        .collect();
+    let shapes = patches.shapes(world);
+    for (index, light) in world.scene().lights.iter().enumerate() {
+        let (Light::Area(area), Some(shape)) = (light, light.shape()) else { continue };
+        if world.partition().found_by_shadow_rays(area.shape as usize) {
+            continue;
+        }
+        let glowing: Vec<Rgb> =
+            patches.exitance.iter().zip(&shapes).map(|(e, s)| if *s == shape as usize { *e } else { Rgb::BLACK }).collect();
+        let mut walls = vec![Rgb::BLACK; patches.len()];
+        form_factors.gather_direct(&glowing, &mut walls);
+        let gathered = walls.into_iter().map(|h| Incident { irradiance: h, accepted: h }).collect();
+        groups.push(LightGroup { lamp: direct::lamp_of(world.scene(), index), gathered, ..LightGroup::default() });
+    }
+    let arriving: Vec<Incident> = (0..patches.len())
+        .map(|i| Incident { irradiance: outside.arriving(i) * PI, accepted: outside.accepted(i) * PI })
+        .collect();
+    if arriving.iter().any(|a| !a.irradiance.is_black()) {
+        groups.push(LightGroup { gathered: arriving, ..LightGroup::default() });
+    }
+    groups
+}
+
+/// Solves the groups one after the other; the solution is their sum.
+fn solve_groups(
+    settings: &PassOneSettings,
+    (patches, form_factors): (&PatchMesh, &Stored),
+    mut groups: Vec<LightGroup>,
+    lamps: &[LampLight],
+    observer: &mut Observer<'_>,
+) -> Result<(Solution, Vec<LightGroup>), PipelineError> {
+    // Errors add up as the light does, but each channel of the mean has its own brightest group: three times at most.
+    let share = if groups.len() > 1 { 1.0 / 3.0 } else { 1.0 };
+    let solver = SolverSettings { tolerance: settings.solver.tolerance * share, ..settings.solver };
+    let mut whole: Option<Solution> = None;
+    for group in &mut groups {
+        let mut source = vec![Rgb::BLACK; patches.len()];
+        let shadow = match group.shadow {
+            Some(lamp) => std::slice::from_ref(&lamps[lamp]),
+            None if settings.by_light => &[],
+            None => lamps,
+        };
+        for incident in shadow.iter().map(|lamp| &lamp.incident).chain([&group.gathered]) {
+            source.iter_mut().zip(incident).for_each(|(source, h)| *source += h.accepted);
+        }
+        let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source };
+        let solution = radiosity::solve(&system, &solver, observer)?;
+        group.indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
+        whole = Some(match whole.take() {
+            None => solution,
+            Some(mut whole) => {
+                whole.irradiance.iter_mut().zip(&solution.irradiance).for_each(|(sum, h)| *sum += *h);
+                whole.sweeps += solution.sweeps;
+                whole.error_bound = whole.error_bound.max(solution.error_bound);
+                whole.spectral_bound = whole.spectral_bound.max(solution.spectral_bound);
+                whole.amplification = whole.amplification.max(solution.amplification);
+                whole.rooms = whole.rooms.max(solution.rooms);
+                whole.converged &= solution.converged;
+                whole
+            }
+        });
+    }
+    let dark = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source: vec![Rgb::BLACK; patches.len()] };
+    let mut whole = match whole {
+        Some(whole) => whole,
+        None => radiosity::solve(&dark, &solver, observer)?,
+    };
+    whole.error_bound /= share;
+    Ok((whole, groups))
+}
+
+/// Refuses what will not fit, before it is allocated.
+fn fits(patches: f64, how: &FormFactorSettings, limit: Option<u64>) -> Result<(), PipelineError> {
+    let predicted = memory::predicted(patches, how);
+    match limit {
+        Some(limit) if predicted > limit as f64 => {
+            let method = how.method;
+            Err(PipelineError::Memory { patches: patches.round() as u64, predicted: predicted as u64, limit, method })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), PipelineError> {
     if observer(&Progress { stage, done: 1.0, total: 1.0 }).is_break() { Err(PipelineError::Stopped) } else { Ok(()) }
 }
 
-/// Mean irradiance of each patch by the lamps that shadow rays find.
-fn direct_irradiance(world: &World, patches: &PatchMesh, gather_rays: f64, seed: u64, counts: &mut RayCounts) -> Vec<Incident> {
-    if world.partition().has_no_shadow_rays() {
-        return vec![Incident::default(); patches.len()];
-    }
-    let measured: Vec<(Incident, RayCounts)> = (0..patches.len() as u32)
-        .into_par_iter()
-        .map(|i| {
-            let mut counts = RayCounts::default();
-            let share = (patches.area[i as usize] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
-            let points = (DIRECT_POINTS * share) as u64;
-            let mut sum = Incident::default();
-            for k in 0..points {
-                let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), u64::from(i), k);
-                let mut at = patches.sample(world, PatchId(i), sampler.next_2d());
-                // Radiosity belongs to the faces themselves, not to the smoothed normals.
-                at.ns = at.ng;
-                let shading = world.shading(&at);
-                // The two parts of what is carried: as it arrives, and as it is accepted.
-                let respond = |ray: &ShadowRay| {
-                    let cos = ray.direction.dot(at.ng);
-                    if cos <= 0.0 {
-                        return Scattering::default();
-                    }
-                    let arriving = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
-                    Scattering { diffuse: arriving, glossy: arriving * shading.acceptance(ray.direction) }
-                };
-                let sampling = DirectSampling::OF_PATCHES;
-                let found = world.direct(&at, Some(at.ng), sampling, &mut sampler, &mut counts, respond);
-                sum.irradiance += found.diffuse;
-                sum.accepted += found.glossy;
-            }
-            let mean = |v: Rgb| v / points as f64;
-            (Incident { irradiance: mean(sum.irradiance), accepted: mean(sum.accepted) }, counts)
-        })
-        .collect();
-    measured.iter().for_each(|(_, c)| *counts += *c);
-    measured.into_iter().map(|(h, _)| h).collect()
-}
-
 /// Irradiance of each patch by light that only form factors find: glowing walls, the surroundings, and any emitter seen through
 /// mirrors or glass.
-fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &FormFactorMatrix) -> Vec<Incident> {
+fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &Stored, outside: &Outside) -> Vec<Incident> {
     let by_shadow_rays = patches.found_by_shadow_rays(world);
-    (0..patches.len())
-        .map(|i| {
-            let walls: Rgb =
-                form_factors.direct(i).filter(|(j, _)| !by_shadow_rays[*j]).map(|(j, f)| patches.exitance[j] * f).sum();
-            Incident { irradiance: walls + form_factors.arriving(i) * PI, accepted: walls + form_factors.accepted(i) * PI }
-        })
-        .collect()
+    let exitance = patches.exitance.iter().zip(by_shadow_rays);
+    let glowing: Vec<Rgb> = exitance.map(|(e, by_shadow_rays)| if by_shadow_rays { Rgb::BLACK } else { *e }).collect();
+    let mut walls = vec![Rgb::BLACK; patches.len()];
+    form_factors.gather_direct(&glowing, &mut walls);
+    let incident = |(i, walls): (usize, Rgb)| Incident {
+        irradiance: walls + outside.arriving(i) * PI,
+        accepted: walls + outside.accepted(i) * PI,
+    };
+    walls.into_iter().enumerate().map(incident).collect()
 }
 
-fn balance(world: &World, field: &RadiosityField, form_factors: &FormFactorMatrix) -> PowerBalance {
+fn balance(world: &World, field: &RadiosityField, outside: &Outside) -> PowerBalance {
     let patches = &field.patches;
     let total = |v: Rgb| v.r + v.g + v.b;
     let emitted = total(world.scene().power());
@@ -159,8 +415,8 @@ fn balance(world: &World, field: &RadiosityField, form_factors: &FormFactorMatri
         let a = patches.area[i];
         let leaves = field.radiosity(i);
         absorbed += a * total(field.irradiance_of(i) + patches.exitance[i] - leaves);
-        escaped += a * total(form_factors.escaped(i) * leaves);
-        truncated += a * total(form_factors.truncated(i) * leaves);
+        escaped += a * total(outside.escaped(i) * leaves);
+        truncated += a * total(outside.truncated(i) * leaves);
     }
     // Of light from infinitely far away a scene takes what it takes: nothing is known to compare with.
     let is_known = world.scene().environment.is_none() && world.scene().lights.iter().all(|light| !light.is_distant());

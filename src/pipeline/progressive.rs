@@ -89,7 +89,7 @@ impl<'a> Progressive<'a> {
     }
 
     fn refines(asked: &PassOneSettings) -> bool {
-        *asked == PassOneSettings { solver: asked.solver, ..PassOneSettings::default() }
+        *asked == PassOneSettings { solver: asked.solver, max_memory: asked.max_memory, ..PassOneSettings::default() }
     }
 
     /// Starts from a first solution, made by [`Self::first_pass_one`], that cost `counts`.

@@ -23,7 +23,7 @@ pub struct RadiosityField {
 }
 
 /// Light that falls on a patch.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub struct Incident {
     /// Irradiance [W/m²].
     pub irradiance: Rgb,

@@ -4,6 +4,7 @@
 //! converges, the row holds its error over sweeps, samples or patch size. Nothing here is compared with an earlier output.
 
 mod cases;
+pub mod enclosures;
 pub mod oracle;
 pub mod page;
 pub mod rooms;

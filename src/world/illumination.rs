@@ -91,6 +91,26 @@ impl World {
         respond: impl Fn(&ShadowRay) -> Scattering,
     ) -> Scattering {
         let mut sum = Scattering::default();
+        self.direct_by_light(si, receiver, sampling, sampler, counts, respond, |_, found| {
+            sum.diffuse += found.diffuse;
+            sum.glossy += found.glossy;
+        });
+        sum
+    }
+
+    /// The same, light by light: `found` gets the index of a light in the scene and what one ray to it found.
+    #[inline]
+    #[expect(clippy::too_many_arguments, reason = "those of direct, and who listens")]
+    pub fn direct_by_light(
+        &self,
+        si: &SurfaceInteraction,
+        receiver: Option<Vec3>,
+        sampling: DirectSampling,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        respond: impl Fn(&ShadowRay) -> Scattering,
+        mut found: impl FnMut(usize, Scattering),
+    ) {
         let faces = Receiver { normal: receiver, in_passing: sampling.in_passing };
         let mut add = |light: usize, picked: f64, u: Vec2| {
             let surroundings = self.partition.environment() == Some(light);
@@ -108,8 +128,7 @@ impl World {
             }
             counts.shadow += 1;
             let arriving = self.transmittance(&shadow_ray(si, &sample)) * sample.irradiance / picked;
-            sum.diffuse += response.diffuse * arriving;
-            sum.glossy += response.glossy * arriving;
+            found(light, Scattering { diffuse: response.diffuse * arriving, glossy: response.glossy * arriving });
         };
         let lights = self.partition.shadow_lights();
         if lights.len() <= sampling.lights_per_point {
@@ -125,7 +144,6 @@ impl World {
             let rays = if self.partition.environment() == Some(light) { sampling.sky_rays } else { 1 };
             (0..rays).for_each(|_| add(light, f64::from(rays), sampler.next_2d()));
         }
-        sum
     }
 
     /// Rough unoccluded irradiance by which lights are picked.

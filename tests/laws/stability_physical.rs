@@ -12,7 +12,7 @@ use twopass::math::Rgb;
 use twopass::pipeline::probe::{Probed, Prober};
 use twopass::pipeline::solve;
 use twopass::progress::silent;
-use twopass::radiosity::{RadiositySystem, SolverSettings, gauss_seidel};
+use twopass::radiosity::{self, RadiositySystem, SolverSettings};
 use twopass::scene::{LightSource, SurfaceSource};
 use twopass::stability::rooms::{Room, furnace, mean, picture, probing, quick, solve_gathered};
 
@@ -243,7 +243,8 @@ fn factors(check: &Check) -> Dealt {
         }
         _ => {
             let pass_one = solve_gathered(furnace(0.5).scene().expect("valid"), &quick(1, 0.5)).expect("solves").pass_one;
-            let (matrix, patches) = (&pass_one.form_factors, &pass_one.field.patches);
+            let matrix = pass_one.form_factors.rows().expect("cast rays are kept as rows");
+            let patches = &pass_one.field.patches;
             for i in 0..matrix.len() {
                 for (j, f) in matrix.direct(i) {
                     let power = patches.area[i] * f;
@@ -261,7 +262,7 @@ fn irradiances(rho: &[f64], area: &[f64], matrix: &FormFactorMatrix, exitance: &
     let source = (0..area.len()).map(|i| Rgb::grey(matrix.direct(i).map(|(j, f)| f * exitance[j]).sum())).collect();
     let system = RadiositySystem { rho: &rho, area, form_factors: matrix, source };
     let settings = SolverSettings { tolerance: 1e-10, ..SolverSettings::default() };
-    gauss_seidel::solve(&system, &settings, &mut silent).expect("solves").irradiance.iter().map(|h| h.g).collect()
+    radiosity::solve(&system, &settings, &mut silent).expect("solves").irradiance.iter().map(|h| h.g).collect()
 }
 
 fn cube(check: &Check) -> Dealt {

@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod experiment;
+pub mod form_factors;
 pub mod info;
 pub mod probe;
 pub mod render;
@@ -11,6 +12,7 @@ pub mod stability;
 use super::args::{Common, PassOneArgs, PassTwoArgs};
 use super::exit::Failure;
 use super::output::print;
+use super::values::physical_memory;
 use twopass::integrator::Method;
 use twopass::pipeline::{PassOneSettings, RenderSettings};
 
@@ -24,7 +26,9 @@ pub fn list_methods() -> Result<(), Failure> {
 fn pass_one_settings(args: &PassOneArgs) -> PassOneSettings {
     let mut settings = PassOneSettings::default();
     settings.patches.patch_size = args.patch_size;
-    settings.form_factor_tolerance = args.tolerance.unwrap_or(settings.form_factor_tolerance);
+    settings.form_factors = args.form_factors;
+    settings.form_factor_tolerance = args.tolerance.unwrap_or(args.form_factors.default_tolerance());
+    settings.solver.solver = args.solver;
     settings.solver.tolerance = args.solver_tolerance.unwrap_or(settings.solver.tolerance);
     settings
 }
@@ -34,7 +38,7 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
     let mut settings = RenderSettings {
         seed: common.seed,
         accel: common.accel,
-        pass_one: pass_one_settings(pass_one),
+        pass_one: PassOneSettings { max_memory: common.max_memory.or_else(physical_memory), ..pass_one_settings(pass_one) },
         ..RenderSettings::default()
     };
     if let Some(args) = pass_two {

@@ -45,7 +45,7 @@ pub fn run(common: &Common, args: &ProbeArgs) -> Result<(), Failure> {
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
-    report::add_pass_one(&mut run_report, &solved.pass_one);
+    report::add_pass_one(common, &mut run_report, &solved.pass_one);
     let pass_two = settings.integrator(max_depth)?;
     let (probed, counts) = run_report.time(Stage::Render, || probe_points(args, &solved, &pass_two, &points));
     report::add_costs(&mut run_report, &[], &counts);

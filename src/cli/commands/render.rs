@@ -15,9 +15,12 @@ use twopass::film::io::{Header, Operator, ToneMap, WriteError, probe_writable, w
 use twopass::film::{Film, Layer};
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::load::LoadedScene;
-use twopass::pipeline::{self, PipelineError, RenderSettings, Rendered};
+use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::solution_file::SolutionFile;
+use twopass::pipeline::{self, PipelineError, RenderSettings, Rendered, Whole, direct};
 use twopass::progress::Stage;
 use twopass::run_report::{RunReport, SnapshotReport, StopReason, Stopwatch, process_cpu_seconds};
+use twopass::scene::Scene;
 use twopass::world::walk::RayCounts;
 
 /// Most pixels of a picture: the film holds 256 bytes for each, the file's layers another 100.
@@ -42,7 +45,10 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--snapshots-cpu: expected ascending times".to_owned()));
     }
     let settings = settings(common, args);
-    settings.read_out()?;
+    let read_out = settings.read_out()?;
+    if args.solution.is_some() {
+        check_solution_flags(args, read_out.is_some())?;
+    }
     let mut job = Job { common, args, settings, targets, interrupt: &interrupt };
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, scene, &args.source)?;
@@ -51,9 +57,11 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
         job.settings.crop = job.settings.crop.or(loaded.crop);
     }
     check_size(&loaded, &job.settings)?;
+    let mut loaded = loaded;
+    let kept = args.solution.as_deref().map(|path| kept(path, &mut loaded.scene, &mut job)).transpose()?;
     let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
     describe(&mut run_report, &job);
-    match render(&job, loaded) {
+    match render(&job, loaded, kept) {
         Ok((rendered, snapshots)) => {
             run_report.snapshots = snapshots?;
             finish(&job, &rendered, run_report)
@@ -113,6 +121,28 @@ fn check_size(loaded: &LoadedScene, settings: &RenderSettings) -> Result<(), Fai
     Ok(())
 }
 
+/// With a kept solution nothing is left to say about how pass one is done.
+fn check_solution_flags(args: &RenderArgs, has_first_pass: bool) -> Result<(), Failure> {
+    if let Some(flag) = args.pass_one.given().first() {
+        return Err(Failure::Usage(format!(
+            "{flag} says how pass one is done, which --solution brings with it: give one of them"
+        )));
+    }
+    match has_first_pass {
+        true => Ok(()),
+        false => Err(Failure::Usage(format!("the method {} has no first pass to take from --solution", args.method.name()))),
+    }
+}
+
+/// The kept solution, if it is of this scene; makes the scene's lights as strong as they are to be.
+fn kept(path: &Path, scene: &mut Scene, job: &mut Job) -> Result<Whole, Failure> {
+    let file = SolutionFile::read(path)?;
+    let whole = file.whole(&StageKeys::of(scene, &file.meta.settings, file.meta.seed))?;
+    job.settings.pass_one = file.meta.settings;
+    direct::weigh(scene, &whole.groups, &job.args.light)?;
+    Ok(whole)
+}
+
 fn describe(run_report: &mut RunReport, job: &Job) {
     let (args, settings) = (job.args, &job.settings);
     let read_out = settings.read_out.or(settings.method.read_out());
@@ -132,7 +162,11 @@ fn describe(run_report: &mut RunReport, job: &Job) {
 }
 
 /// Renders with progress, signals, partial pictures and snapshots.
-fn render(job: &Job, loaded: LoadedScene) -> Result<(Rendered, Result<Vec<SnapshotReport>, WriteError>), PipelineError> {
+fn render(
+    job: &Job,
+    loaded: LoadedScene,
+    kept: Option<Whole>,
+) -> Result<(Rendered, Result<Vec<SnapshotReport>, WriteError>), PipelineError> {
     let clocks = Clocks::start(process_cpu_seconds);
     let mut observer = observer(Display::new(job.common), job.interrupt);
     let mut last = Instant::now();
@@ -145,7 +179,11 @@ fn render(job: &Job, loaded: LoadedScene) -> Result<(Rendered, Result<Vec<Snapsh
             last = Instant::now();
         }
     };
-    let rendered = pipeline::render(loaded.scene, &job.settings, &clocks, &mut observer, &mut snapshot)?;
+    let (scene, settings) = (loaded.scene, &job.settings);
+    let rendered = match kept {
+        Some(kept) => pipeline::render_kept(scene, settings, (kept, &job.args.light), &clocks, &mut observer, &mut snapshot)?,
+        None => pipeline::render(scene, settings, &clocks, &mut observer, &mut snapshot)?,
+    };
     let snapshots = snapshots.finish(report::rays(&rendered.counts));
     Ok((rendered, snapshots))
 }
@@ -167,7 +205,7 @@ fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(
     report::add_costs(&mut run_report, &rendered.stages, &rendered.counts);
     report::add_film(&mut run_report, &rendered.film);
     if let Some(pass_one) = &rendered.pass_one {
-        report::add_pass_one(&mut run_report, pass_one);
+        report::add_pass_one(job.common, &mut run_report, pass_one);
     }
     run_report.complete = rendered.complete;
     run_report.stopped_by = match rendered.complete {

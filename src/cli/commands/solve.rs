@@ -4,36 +4,57 @@ use super::render_settings;
 use crate::cli::args::{Common, SolveArgs};
 use crate::cli::exit::Failure;
 use crate::cli::interrupt::Interrupt;
-use crate::cli::output::{print, short};
+use crate::cli::output::{print, say, short};
 use crate::cli::progress::{Display, observer};
 use crate::cli::{report, scene_file};
 use std::io::Write as _;
 use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
-use twopass::pipeline::{self, Solved, surface_points};
+use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::solution_file::{self, Meta, SolutionFile};
+use twopass::pipeline::{self, Kept, PassOneSettings, PipelineError, Solved, StageCosts, surface_points};
 use twopass::progress::Stage;
 use twopass::run_report::{RunReport, StopReason, Stopwatch};
+use twopass::world::World;
 
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
-    for path in [common.report.as_deref(), args.irradiance.as_deref()].into_iter().flatten() {
+    for path in [common.report.as_deref(), args.irradiance.as_deref(), args.output.as_deref()].into_iter().flatten() {
         probe_writable(path)?;
     }
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, &args.scene, &args.source)?;
-    let settings = render_settings(common, &args.pass_one, None);
+    let mut settings = render_settings(common, &args.pass_one, None);
+    settings.pass_one.by_light = args.output.is_some();
+    // How much memory there is decides nothing about the solution.
+    let meta = Meta { settings: PassOneSettings { max_memory: None, ..settings.pass_one }, seed: settings.seed };
+    let keys = args.output.as_ref().map(|_| StageKeys::of(&loaded.scene, &meta.settings, meta.seed));
+    let old = args.output.as_deref().filter(|path| path.exists()).map(SolutionFile::read).transpose()?;
+    let kept = match (&old, &keys) {
+        (Some(old), Some(keys)) => old.still_good(keys)?,
+        _ => Kept::default(),
+    };
     let mut run_report = report::begin(common, &loaded, "solve", watch.elapsed());
     report::set_pass_one(&mut run_report, &args.pass_one);
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let solved = pipeline::solve(loaded.scene, &settings, &mut observer);
+    let mut costs = StageCosts::default();
+    let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
+    if kept.form_factors.is_none() {
+        let (patches, bytes) = settings.pass_one.predicted(&world);
+        say(common, &format!("pass one: about {patches:.0} patches, at most {:.0} MB", bytes / 1e6));
+    }
+    let solved = pipeline::solve_from(world, &settings, kept, costs, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
-    report::add_pass_one(&mut run_report, &solved.pass_one);
+    report::add_pass_one(common, &mut run_report, &solved.pass_one);
     run_report.complete = solved.pass_one.solution.converged;
     run_report.stopped_by = if run_report.complete { StopReason::Finished } else { StopReason::NotConverged };
+    if let (Some(path), Some(keys)) = (&args.output, &keys) {
+        run_report.time(Stage::Write, || solution_file::write(path, meta, keys, &solved.pass_one, old.as_ref()))?;
+    }
     if let Some(path) = &args.irradiance {
         run_report.time(Stage::Write, || write_irradiance(path, &solved, args.points))?;
     }
@@ -59,7 +80,8 @@ fn write_irradiance(path: &Path, solved: &Solved, n: u32) -> Result<(), WriteErr
 /// `name value` lines.
 fn summary(run_report: &RunReport) -> String {
     let mut lines: Vec<(&str, String)> = Vec::new();
-    for name in ["patches", "form_factors", "form_factor_rays", "shadow_rays"] {
+    for name in ["patches", "patches_kept", "form_factors", "form_factors_kept", "form_factor_rays", "shadow_rays", "sweeps_kept"]
+    {
         lines.push((name, run_report.counters.get(name).copied().unwrap_or(0).to_string()));
     }
     if let Some(closure) = &run_report.closure {
@@ -68,6 +90,7 @@ fn summary(run_report: &RunReport) -> String {
         lines.push(("reciprocity_defect", short(closure.reciprocity_defect)));
     }
     if let Some(solver) = &run_report.solver {
+        lines.push(("solver", solver.method.clone()));
         lines.push(("sweeps", solver.sweeps.to_string()));
         lines.push(("error_bound", short(solver.error_bound)));
         lines.push(("converged", solver.converged.to_string()));

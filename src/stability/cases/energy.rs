@@ -7,7 +7,7 @@ use crate::load::{LoadOptions, load_scene};
 use crate::math::{DAffine3, DVec3, Rgb};
 use crate::pipeline::{PassOne, PipelineError, Solved};
 use crate::progress::silent;
-use crate::radiosity::{RadiositySystem, Solution, SolveError, SolverSettings, gauss_seidel};
+use crate::radiosity::{self, RadiositySystem, Solution, SolveError, Solver, SolverSettings};
 use crate::scene::SurfaceSource;
 use crate::stability::oracle::solve_dense;
 use crate::stability::rooms::{self, Room, furnace, quick, solve_gathered};
@@ -21,7 +21,7 @@ const BRIGHT: [f64; 6] = [0.9, 0.99, 0.999, 0.9999, 0.99999, 0.999999];
 const SOLVER_BOUND: f64 = 1e-6;
 
 /// Tolerance asked of the solver: its own bound is a bound, so this is an order below what is checked.
-const TIGHT: SolverSettings = SolverSettings { tolerance: 1e-7, max_sweeps: 20_000 };
+const TIGHT: SolverSettings = SolverSettings { solver: Solver::Cg, tolerance: 1e-7, max_sweeps: 20_000 };
 
 /// Three closed shapes whose inside emits radiance 1 and reflects `rho`.
 fn enclosure(shape: &str, rho: f64) -> Room {
@@ -55,7 +55,9 @@ fn enclosure(shape: &str, rho: f64) -> Room {
 /// Irradiance from emission alone, all emitters being found by form factors.
 fn emitted_source(pass_one: &PassOne) -> Vec<Rgb> {
     let (factors, exitance) = (&pass_one.form_factors, &pass_one.field.patches.exitance);
-    (0..factors.len()).map(|i| factors.direct(i).map(|(j, f)| exitance[j] * f).sum()).collect()
+    let mut source = vec![Rgb::BLACK; factors.len()];
+    factors.gather_direct(exitance, &mut source);
+    source
 }
 
 /// Largest relative error of the irradiance of any patch.
@@ -69,7 +71,7 @@ fn error_by_sweep(system: &RadiositySystem<'_>, want: impl Fn(usize) -> f64 + Co
     let mut points = Vec::new();
     for k in 0..12 {
         let settings = SolverSettings { max_sweeps: 1 << k, ..TIGHT };
-        let solution = gauss_seidel::solve(system, &settings, &mut silent)?;
+        let solution = radiosity::solve(system, &settings, &mut silent)?;
         points.push((f64::from(solution.sweeps), worst(&solution, want).max(1e-16)));
         if solution.converged {
             break;
@@ -191,7 +193,7 @@ pub fn tiny_emitter(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         let source = vec![Rgb::grey(tiny * 1e6); area.len()];
         let system = RadiositySystem { rho: &rho_of, area: &area, form_factors: &matrix, source };
         let want = tiny * 1e6 / (1.0 - rho);
-        let solution = gauss_seidel::solve(&system, &TIGHT, &mut silent)?;
+        let solution = radiosity::solve(&system, &TIGHT, &mut silent)?;
         let curve = error_by_sweep(&system, |_| tiny * 1e6 / (1.0 - rho))?;
         let name = format!("spherical cavity, emitter of 6e-8 of its area, rho {rho}");
         let told = format!("{} sweeps, bound told {:.1e}", solution.sweeps, solution.error_bound);
@@ -207,14 +209,14 @@ pub fn tiny_emitter(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         source[0] = Rgb::grey(1e6);
         let dense = (0..n).map(|i| {
             let mut row = vec![0.0; n + 1];
-            factors.direct(i).for_each(|(j, f)| row[j] -= f * patches.rho[j].g);
+            factors.row(i, &mut |j, f| row[j] -= f.g * patches.rho[j].g);
             row[i] += 1.0;
             row[n] = source[i].g;
             row
         });
         let want = solve_dense(dense.collect());
         let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors: factors, source };
-        let solution = gauss_seidel::solve(&system, &TIGHT, &mut silent)?;
+        let solution = radiosity::solve(&system, &TIGHT, &mut silent)?;
         let curve = error_by_sweep(&system, |i| want[i])?;
         let name = format!("room with a block, light at 1 of {n} patches, rho {rho}");
         let told = format!("{} sweeps, bound told {:.1e}", solution.sweeps, solution.error_bound);

@@ -154,7 +154,8 @@ pub fn touching_patches(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         let along = DVec3::Z * LENGTH;
         room.quad(DVec3::ZERO, along, DVec3::X, grey, 1.0);
         room.quad(DVec3::ZERO, DVec3::new(cos, sin, 0.0), along, grey, 0.0);
-        let factors = solve_gathered(room.scene()?, &settings)?.pass_one.form_factors;
+        let pass_one = solve_gathered(room.scene()?, &settings)?.pass_one;
+        let factors = pass_one.form_factors.rows().expect("cast rays are kept as rows");
         let name = format!("wedge of {degrees} degrees");
         let long = oracle::finite_wedge(angle, 4000.0);
         rows.value(&name, "infinite strips: 1 - sin(a/2) = quadrature at 4 km", oracle::wedge(angle), long, 1e-3);
@@ -162,7 +163,7 @@ pub fn touching_patches(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         // Three standard errors of 8192 rays, an eighth of what a patch of the full size casts; and rays that start where the wedge is lower than they are lifted off the surface.
         let bound = 3.0 * (want * (1.0 - want) / 8192.0).sqrt() + 5e-6 / angle;
         rows.value(&name, "strips of 4 m: F by 8192 rays = quadrature", want, factors.direct_sum(0), bound / want);
-        let closes = (0..2).map(|i| (factors.direct_sum(i) + factors.escaped(i).g - 1.0).abs()).fold(0.0, f64::max);
+        let closes = (0..2).map(|i| (factors.direct_sum(i) + pass_one.outside.escaped(i).g - 1.0).abs()).fold(0.0, f64::max);
         rows.value(&name, "0 <= F <= 1, rows close", 0.0, closes.max(factors.direct_sum(0) - 1.0), 1e-6);
     }
     Ok(())

@@ -1,0 +1,307 @@
+//! Hierarchical form factors: links between groups of patches [Hanrahan91], [Smits94].
+//!
+//! Distant groups are linked as wholes, near ones by their patches, so that links grow about linearly with patches where rows
+//! would grow quadratically. Which nodes are linked depends on geometry alone, never on the lights. A link holds S_pq = A_p F_pq = A_q F_qp, one
+//! number for both directions: reciprocity is exact. Rows are closed by a symmetric scaling of the patches, F -> D F D.
+
+mod beside;
+mod kernel;
+mod refine;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+use super::{Closure, FormFactors, Outside};
+use crate::math::Rgb;
+use crate::patch::PatchMesh;
+use crate::progress::Observer;
+use crate::world::World;
+use crate::world::walk::RayCounts;
+use beside::Beside;
+use rayon::prelude::*;
+use refine::{Link, Refinement};
+use std::ops::{Add, Mul};
+use tree::Tree;
+
+/// Sweeps of the scaling that closes rows.
+const CLOSING_SWEEPS: usize = 100;
+/// Relative defect at which they end; what is left goes to the diagonal.
+const CLOSE_ENOUGH: f64 = 1e-7;
+/// Scales stay within this range: a row of few links must not be blown up.
+const SCALES: [f64; 2] = [0.5, 2.0];
+
+/// How links are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HierarchySettings {
+    /// Bound on the error that a link may leave to the form factor between its nodes, in either direction.
+    pub tolerance: f64,
+    /// Rays of a group of patches that look for what links do not hold: the outside, mirrors, glass and gloss.
+    pub rays: u32,
+    /// Longest chain of specular events.
+    pub max_events: u32,
+    /// Number of those rays for each shadow ray that a patch sends: light that both find is shared in proportion.
+    pub rays_beside_shadow_rays: f64,
+    /// Seed of all rays.
+    pub seed: u64,
+}
+
+/// Rays of a group at a tolerance of 1e-3.
+const GROUP_RAYS: f64 = 512.0;
+
+impl HierarchySettings {
+    /// Links within `tolerance`, and rays in inverse proportion to it. `shadow_rays`: those that a patch of the full size sends.
+    pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
+        let rays = ((GROUP_RAYS * 1e-3 / tolerance).clamp(64.0, 65536.0) as u32).next_power_of_two();
+        Self { tolerance, rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
+    }
+}
+
+/// The links, ready to be multiplied with.
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+pub struct Hierarchy {
+    /// Nodes in preorder, so that children follow their parents.
+    nodes: Vec<Span>,
+    /// Patch at each place of the tree's order, and where each patch stands in it.
+    patch: Vec<u32>,
+    place: Vec<u32>,
+    /// Links of each node: from `start[p]` to `start[p + 1]`, the other node and the transfer [m²].
+    start: Vec<usize>,
+    other: Vec<u32>,
+    transfer: Vec<f32>,
+    /// Area of the patch at each place [m²].
+    area: Vec<f64>,
+    /// D by place.
+    scale: Vec<f64>,
+    /// What scaling leaves of a row, by place: it goes to the patch itself.
+    kept: Vec<f64>,
+    /// Light by way of mirrors, glass and gloss.
+    beside: Beside,
+    links: usize,
+    /// Quality before correction.
+    pub closure: Closure,
+}
+
+/// What multiplying needs of a node.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct Span {
+    area: f64,
+    first: u32,
+    count: u32,
+    second: u32,
+}
+
+/// What can be carried along links.
+trait Carried: Copy + Default + Add<Output = Self> + Mul<f64, Output = Self> + Send + Sync {}
+impl Carried for f64 {}
+impl Carried for Rgb {}
+
+/// Links all patches; `None` if the observer stopped it.
+pub fn link(
+    world: &World,
+    patches: &PatchMesh,
+    settings: &HierarchySettings,
+    counts: &mut RayCounts,
+    observer: &mut Observer<'_>,
+) -> Option<(Hierarchy, Outside)> {
+    let tree = Tree::new(world, patches);
+    let beside = Beside::cast(world, patches, &tree, settings, counts);
+    let refinement = Refinement { world, patches, tree: &tree, tolerance: settings.tolerance, seed: settings.seed };
+    let (links, rays) = refinement.links(observer)?;
+    counts.form_factor += rays;
+    let mut hierarchy = Hierarchy::new(tree, links, beside);
+    let outside = hierarchy.close();
+    Some((hierarchy, outside))
+}
+
+impl Hierarchy {
+    fn new(tree: Tree, links: Vec<Vec<Link>>, beside: Beside) -> Self {
+        let span = |n: &tree::Node| Span { area: n.area, first: n.first, count: n.count, second: n.second };
+        let nodes: Vec<Span> = tree.nodes.iter().map(span).collect();
+        let mut place = vec![0; tree.patch.len()];
+        tree.patch.iter().enumerate().for_each(|(at, &patch)| place[patch as usize] = at as u32);
+        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
+        // What the tree held for making links goes before links are sorted by their nodes.
+        let patch = tree.patch;
+        drop((tree.nodes, tree.centred, tree.spots, tree.running));
+        let n_links = links.iter().map(Vec::len).sum();
+        let mut start = vec![0; nodes.len() + 1];
+        // A patch that sees itself has one entry.
+        let ends = |link: &Link| [Some(link.first), (link.second != link.first).then_some(link.second)];
+        links.iter().flatten().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
+        for p in 0..nodes.len() {
+            start[p + 1] += start[p];
+        }
+        let mut next = start.clone();
+        let (mut other, mut transfer) = (vec![0; start[nodes.len()]], vec![0.0; start[nodes.len()]]);
+        // Each batch is freed as soon as it has been read.
+        for link in links.into_iter().flatten() {
+            for (own, seen) in ends(&link).into_iter().flatten().zip([link.second, link.first]) {
+                let at = &mut next[own as usize];
+                (other[*at], transfer[*at]) = (seen, link.transfer);
+                *at += 1;
+            }
+        }
+        let (scale, kept) = (vec![1.0; place.len()], vec![0.0; place.len()]);
+        let closure = Closure::default();
+        Self { nodes, patch, place, start, other, transfer, area, scale, kept, beside, links: n_links, closure }
+    }
+
+    /// Number of links, each for both directions, and of entries through specular surfaces.
+    pub fn n_nonzero(&self) -> usize {
+        self.links + self.beside.len()
+    }
+
+    /// Bytes held.
+    pub fn memory_bytes(&self) -> usize {
+        size_of::<Span>() * self.nodes.len()
+            + 24 * self.place.len()
+            + 8 * self.start.len()
+            + 8 * self.other.len()
+            + self.beside.memory_bytes()
+    }
+
+    /// out_i = sum_j F_ij x_j over what is seen directly, in parallel: the same bits on any number of threads.
+    pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
+        let found = self.transport(|place| x[self.patch[place] as usize]);
+        found.into_iter().zip(&self.patch).for_each(|(v, &patch)| out[patch as usize] = v);
+    }
+
+    /// D F D x + K x by place: means are drawn up the tree, carried along links, and handed down.
+    fn transport<T: Carried>(&self, x: impl Fn(usize) -> T + Sync) -> Vec<T> {
+        let mut mean = vec![T::default(); self.nodes.len()];
+        for at in (0..self.nodes.len()).rev() {
+            let node = self.nodes[at];
+            mean[at] = if node.second == 0 {
+                let place = node.first as usize;
+                x(place) * self.scale[place]
+            } else {
+                let (a, b) = (at + 1, node.second as usize);
+                (mean[a] * self.nodes[a].area + mean[b] * self.nodes[b].area) * (1.0 / node.area)
+            };
+        }
+        let arriving = |at: usize| {
+            let range = self.start[at]..self.start[at + 1];
+            let links = self.other[range.clone()].iter().zip(&self.transfer[range]);
+            let sum = links.fold(T::default(), |sum, (&other, &s)| sum + mean[other as usize] * f64::from(s));
+            sum * (1.0 / self.nodes[at].area)
+        };
+        let mut arrived: Vec<T> = (0..self.nodes.len()).into_par_iter().with_min_len(256).map(arriving).collect();
+        let mut out = vec![T::default(); self.place.len()];
+        for at in 0..self.nodes.len() {
+            let node = self.nodes[at];
+            if node.second == 0 {
+                let place = node.first as usize;
+                out[place] = arrived[at] * self.scale[place] + x(place) * self.kept[place];
+            } else {
+                let from_above = arrived[at];
+                for child in [at + 1, node.second as usize] {
+                    arrived[child] = arrived[child] + from_above;
+                }
+            }
+        }
+        out
+    }
+
+    /// Closes the rows and says what goes elsewhere.
+    ///
+    /// A row whose group sends all its rays to patches sums to 1. Another one sums to what its links say, and what goes elsewhere takes the
+    /// rest. The scaling is a symmetric Sinkhorn iteration [Sinkhorn64]; rows that it leaves too large are scaled down, which makes no
+    /// other one larger, and what is then missing stays with the patch itself: rows close exactly, and transport remains symmetric.
+    fn close(&mut self) -> Outside {
+        let raw = self.transport(|_| 1.0);
+        let target: Vec<f64> = raw.iter().enumerate().map(|(at, sum)| self.beside.target(at, *sum)).collect();
+        for _ in 0..CLOSING_SWEEPS {
+            let sums = self.transport(|_| 1.0);
+            let mut worst: f64 = 0.0;
+            for ((scale, sum), target) in self.scale.iter_mut().zip(&sums).zip(&target) {
+                if *sum > 0.0 && *target > 0.0 {
+                    let ratio = target / sum;
+                    let next = (*scale * ratio.sqrt()).clamp(SCALES[0], SCALES[1]);
+                    if next != *scale {
+                        worst = worst.max((ratio - 1.0).abs());
+                    }
+                    *scale = next;
+                }
+            }
+            if worst < CLOSE_ENOUGH {
+                break;
+            }
+        }
+        let sums = self.transport(|_| 1.0);
+        for ((scale, sum), target) in self.scale.iter_mut().zip(&sums).zip(&target) {
+            *scale *= if sum > target { target / sum } else { 1.0 };
+        }
+        let sums = self.transport(|_| 1.0);
+        for ((kept, sum), target) in self.kept.iter_mut().zip(&sums).zip(&target) {
+            *kept = (target - sum).max(0.0);
+        }
+        let elsewhere = |at: usize| self.beside.share_elsewhere(at);
+        let rows = raw.iter().enumerate().map(|(at, sum)| sum + elsewhere(at));
+        let (low, high) = rows.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(s), h.max(s)));
+        let outside = self.beside.complete(&target, &self.place);
+        let closed = self.transport(|_| 1.0);
+        self.closure = Closure {
+            row_sum_min: if low.is_finite() { low } else { 0.0 },
+            row_sum_max: if high.is_finite() { high } else { 0.0 },
+            escaped_max: (0..self.place.len()).map(|i| outside.escaped(i).max()).fold(0.0, f64::max),
+            reciprocity_defect: 0.0,
+            corrected_defect: closed.iter().zip(&target).map(|(s, t)| (s - t).abs()).fold(0.0, f64::max),
+        };
+        outside
+    }
+}
+
+impl FormFactors for Hierarchy {
+    fn len(&self) -> usize {
+        self.place.len()
+    }
+
+    fn gather(&self, x: &[Rgb], out: &mut [Rgb]) {
+        self.gather_direct(x, out);
+        self.beside.add(x, &self.place, out);
+    }
+
+    fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
+        let place = self.place[i];
+        if self.kept[place as usize] > 0.0 {
+            visit(i, Rgb::grey(self.kept[place as usize]));
+        }
+        let mut at = 0;
+        loop {
+            let node = self.nodes[at];
+            for k in self.start[at]..self.start[at + 1] {
+                let other = self.nodes[self.other[k] as usize];
+                let factor = f64::from(self.transfer[k]) / node.area * self.scale[place as usize];
+                for seen in other.first..other.first + other.count {
+                    let j = self.patch[seen as usize] as usize;
+                    visit(j, Rgb::grey(factor * self.scale[seen as usize] * self.area[seen as usize] / other.area));
+                }
+            }
+            if node.second == 0 {
+                break;
+            }
+            let second = node.second as usize;
+            at = if place < self.nodes[second].first { at + 1 } else { second };
+        }
+        self.beside.row(place as usize, visit);
+    }
+
+    fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
+        let patch = |place: u32| self.patch[place as usize] as usize;
+        // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first.
+        let mut joined = 0;
+        for (at, node) in self.nodes.iter().enumerate().filter(|(at, _)| self.start[*at] < self.start[*at + 1]) {
+            if node.first >= joined {
+                joined = node.first + node.count;
+                (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
+            }
+            let others = &self.other[self.start[at]..self.start[at + 1]];
+            others.iter().for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
+        }
+        self.beside.join(&self.patch, pair);
+    }
+
+    fn is_reciprocal(&self) -> bool {
+        self.beside.len() == 0
+    }
+}

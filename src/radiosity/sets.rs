@@ -1,0 +1,141 @@
+//! Sets of patches that exchange light: rooms behind closed doors are systems of their own.
+
+use super::{SolveError, system::RadiositySystem};
+use crate::math::Rgb;
+
+/// Row sums from here on count as 1: they are no better than the rounding of their entries.
+const WHITE: f64 = 1.0 - 1e-9;
+
+/// The patches that light reaches, by set. The others, such as the insides of closed bodies, stay exactly dark and belong to none.
+///
+/// Sets are solved side by side: one product with the form factors serves all of them, but each has inner products, step lengths and a
+/// tolerance of its own. Beside a bright room a dark one would otherwise be left as it was after a few steps.
+pub(super) struct Sets {
+    /// Patches of each set in rising order; sets in the order of their first patch.
+    pub members: Vec<Vec<usize>>,
+    /// sum_j F_ij rho_j over the patches that light reaches.
+    pub row_reflectance: Vec<Rgb>,
+    /// Products with the form factors that finding them took.
+    pub gathers: u32,
+}
+
+impl Sets {
+    /// Finds the sets.
+    ///
+    /// # Errors
+    /// [`SolveError::NoSteadyState`] if in some channel some patches that light reaches see only each other and lose nothing.
+    pub fn find(system: &RadiositySystem<'_>) -> Result<Self, SolveError> {
+        let mut lit: Vec<bool> = system.source.iter().map(|s| !s.is_black()).collect();
+        let mut row_reflectance = vec![Rgb::BLACK; system.len()];
+        let mut gathers = 0;
+        // Light goes on from patches that it reaches and that reflect. The last round finds nothing new, and its product is the row sums.
+        loop {
+            let reflecting: Vec<Rgb> =
+                lit.iter().zip(system.rho).map(|(lit, rho)| if *lit { *rho } else { Rgb::BLACK }).collect();
+            system.form_factors.gather(&reflecting, &mut row_reflectance);
+            gathers += 1;
+            let mut has_grown = false;
+            for (lit, row) in lit.iter_mut().zip(&row_reflectance) {
+                has_grown |= !*lit && !row.is_black();
+                *lit |= !row.is_black();
+            }
+            if !has_grown {
+                break;
+            }
+        }
+        let mut sets = Self { members: separate(system, &lit), row_reflectance, gathers };
+        if sets.has_closed_white_part(system) {
+            return Err(SolveError::NoSteadyState { spectral_bound: sets.spectral_bound() });
+        }
+        Ok(sets)
+    }
+
+    /// Largest over the rows and channels of sum_j F_ij rho_j: bounds the spectral radius.
+    pub fn spectral_bound(&self) -> f64 {
+        self.members.iter().map(|set| self.spectral_bound_of(set)).fold(0.0, f64::max)
+    }
+
+    /// The same over the patches of one set.
+    pub fn spectral_bound_of(&self, set: &[usize]) -> f64 {
+        set.iter().map(|&i| self.row_reflectance[i].max()).fold(0.0, f64::max)
+    }
+
+    /// Inner product of each set: sum of w_i a_i b_i, by channel.
+    pub fn dot(&self, weight: &[Rgb], a: &[Rgb], b: &[Rgb]) -> Vec<Rgb> {
+        let of = |set: &Vec<usize>| set.iter().map(|&i| weight[i] * a[i] * b[i]).sum();
+        self.members.iter().map(of).collect()
+    }
+
+    /// x += scale y, with a factor for each set.
+    pub fn add_scaled(&self, x: &mut [Rgb], scale: &[Rgb], y: &[Rgb]) {
+        for (set, scale) in self.members.iter().zip(scale) {
+            set.iter().for_each(|&i| x[i] += *scale * y[i]);
+        }
+    }
+
+    /// True if in some channel some patches see only each other and reflect all.
+    fn has_closed_white_part(&mut self, system: &RadiositySystem<'_>) -> bool {
+        // 1 where a patch is white as far as is known.
+        let is_white = |v: f64| if v >= WHITE { 1.0 } else { 0.0 };
+        let mut white = vec![Rgb::BLACK; system.len()];
+        for &i in self.members.iter().flatten() {
+            white[i] = self.row_reflectance[i].map(is_white);
+        }
+        let mut lost = vec![Rgb::BLACK; system.len()];
+        while white.iter().any(|w| !w.is_black()) {
+            let others: Vec<Rgb> = white.iter().map(|w| Rgb::WHITE - *w).collect();
+            system.form_factors.gather(&others, &mut lost);
+            self.gathers += 1;
+            let mut has_shrunk = false;
+            for (white, lost) in white.iter_mut().zip(&lost) {
+                let kept = *white * lost.map(|v| if v > 0.0 { 0.0 } else { 1.0 });
+                has_shrunk |= kept != *white;
+                *white = kept;
+            }
+            if !has_shrunk {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+/// The `lit` patches in sets between which no light passes. Patches that reflect nothing still belong to those that light them.
+fn separate(system: &RadiositySystem<'_>, lit: &[bool]) -> Vec<Vec<usize>> {
+    // Every patch points towards the smallest of its set; paths are halved on the way.
+    let mut towards: Vec<usize> = (0..system.len()).collect();
+    fn root(towards: &mut [usize], mut i: usize) -> usize {
+        while towards[i] != i {
+            towards[i] = towards[towards[i]];
+            i = towards[i];
+        }
+        i
+    }
+    system.form_factors.join(&mut |i, j| {
+        // Most pairs are in one set and known to be.
+        if lit[i] && towards[i] != towards[j] {
+            let (a, b) = (root(&mut towards, i), root(&mut towards, j));
+            towards[a.max(b)] = a.min(b);
+        }
+    });
+    let mut set_of = vec![usize::MAX; system.len()];
+    let mut sets: Vec<Vec<usize>> = Vec::new();
+    for i in (0..system.len()).filter(|&i| lit[i]) {
+        let first = root(&mut towards, i);
+        if set_of[first] == usize::MAX {
+            set_of[first] = sets.len();
+            sets.push(Vec::new());
+        }
+        sets[set_of[first]].push(i);
+    }
+    sets
+}
+
+/// Quotient per channel; 0 where it does not exist, which leaves that channel where it is.
+pub(super) fn divided(a: Rgb, b: Rgb) -> Rgb {
+    let quotient = |a: f64, b: f64| {
+        let q = a / b;
+        if q.is_finite() { q } else { 0.0 }
+    };
+    Rgb::new(quotient(a.r, b.r), quotient(a.g, b.g), quotient(a.b, b.b))
+}

@@ -1,0 +1,126 @@
+use super::*;
+use crate::form_factor::analytic::{parallel_rectangles, perpendicular_rectangles};
+use crate::form_factor::matrix::{FormFactorMatrix, Row};
+use crate::progress::silent;
+
+/// Unit cube, one patch a face, with exact form factors; face 0 is the ceiling, face 1 the floor.
+fn cube() -> FormFactorMatrix {
+    let opposite = parallel_rectangles(1.0, 1.0, 1.0);
+    let adjacent = perpendicular_rectangles(1.0, 1.0, 1.0);
+    let row = |i: u32| Row {
+        direct: (0..6).filter(|j| *j != i).map(|j| (j, if j == i ^ 1 { opposite } else { adjacent } as f32)).collect(),
+        ..Row::default()
+    };
+    FormFactorMatrix::from_rows((0..6).map(row).collect())
+}
+
+fn settings(solver: Solver, tolerance: f64) -> SolverSettings {
+    SolverSettings { solver, tolerance, ..SolverSettings::default() }
+}
+
+fn solve_cube(solver: Solver, rho: f64, exitance: [f64; 6]) -> (Vec<f64>, Solution) {
+    let matrix = cube();
+    let (rho, area) = ([Rgb::grey(rho); 6], [1.0; 6]);
+    let source = (0..6).map(|i| Rgb::grey(matrix.direct(i).map(|(j, f)| f * exitance[j]).sum())).collect();
+    let system = RadiositySystem { rho: &rho, area: &area, form_factors: &matrix, source };
+    let solution = solve(&system, &settings(solver, 1e-11), &mut silent).expect("solves");
+    let radiosity = (0..6).map(|i| exitance[i] + rho[i].g * solution.irradiance[i].g).collect();
+    (radiosity, solution)
+}
+
+#[test]
+fn the_cube_of_six_patches_has_its_exact_radiosity() {
+    // radiosity of ceiling, floor and wall for E = 1 on the ceiling; stored factors are f32, so the bound is their rounding.
+    let table = [
+        (0.5, [1.090_909_098, 0.181_745_826, 0.181_836_269]),
+        (0.9, [2.372_881_375, 1.525_310_551, 1.525_452_019]),
+        (0.99, [17.362_270_473, 16.527_425_128, 16.527_576_1]),
+    ];
+    for (solver, (rho, want)) in Solver::ALL.into_iter().flat_map(|s| table.map(|t| (s, t))) {
+        let (radiosity, _) = solve_cube(solver, rho, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        for (face, want) in [(0, want[0]), (1, want[1]), (2, want[2])] {
+            let tolerance = 2.0_f64.powi(-24) * 4.0 / (1.0 - rho) * want;
+            let error = (radiosity[face] - want).abs();
+            assert!(error < tolerance.max(2e-8), "{solver:?} rho {rho} face {face}: {}, expected {want}", radiosity[face]);
+        }
+    }
+}
+
+#[test]
+fn the_error_bound_holds() {
+    for (solver, rho) in Solver::ALL.into_iter().flat_map(|s| [0.5, 0.9, 0.99, 0.999].map(|rho| (s, rho))) {
+        let lit = [1.0, 0.0, 0.5, 0.0, 0.0, 0.25];
+        let (_, exact) = solve_cube(Solver::Cg, rho, lit);
+        let matrix = cube();
+        let (rho_all, area) = ([Rgb::grey(rho); 6], [1.0; 6]);
+        let source = (0..6).map(|i| Rgb::grey(matrix.direct(i).map(|(j, f)| f * lit[j]).sum())).collect();
+        let system = RadiositySystem { rho: &rho_all, area: &area, form_factors: &matrix, source };
+        let got = solve(&system, &settings(solver, 1e-3), &mut silent).expect("solves");
+        let mean = system.mean_irradiance(&[0, 1, 2, 3, 4, 5], &exact.irradiance);
+        let error = (0..6).map(|i| (got.irradiance[i].g - exact.irradiance[i].g).abs() / mean).fold(0.0, f64::max);
+        assert!(error <= 1e-3 && got.error_bound <= 1e-3, "{solver:?} rho {rho}: error {error}, bound {}", got.error_bound);
+        assert!(error <= got.error_bound * 1.001 + 1e-11, "{solver:?} rho {rho}: {error} above its bound {}", got.error_bound);
+    }
+}
+
+#[test]
+fn a_patch_that_sees_only_white_ones_does_not_stop_the_solver() {
+    // Patch 0 sees only patch 1, which is white; patch 1 sees the grey patch 2 as well.
+    let rows = [vec![(1, 1.0)], vec![(0, 0.5), (2, 0.5)], vec![(1, 1.0)]];
+    let matrix = FormFactorMatrix::from_rows(rows.map(|direct| Row { direct, ..Row::default() }).to_vec());
+    let rho = [Rgb::WHITE, Rgb::WHITE, Rgb::grey(0.5)];
+    // Areas that make it reciprocal: A F is 1/2 for both pairs.
+    let system = RadiositySystem { rho: &rho, area: &[0.5, 1.0, 0.5], form_factors: &matrix, source: vec![Rgb::WHITE; 3] };
+    for solver in Solver::ALL {
+        let got = solve(&system, &settings(solver, 1e-6), &mut silent).expect("solves");
+        // By hand: H0 = 1 + H1, H1 = 1 + H0/2 + H2/4, H2 = 1 + H1.
+        for (i, want) in [8.0, 7.0, 8.0].into_iter().enumerate() {
+            let error = (got.irradiance[i].g - want).abs();
+            assert!(error <= 1e-6 * 8.0 && got.converged, "{solver:?} patch {i}: {}, expected {want}", got.irradiance[i].g);
+        }
+    }
+}
+
+/// Two closed pairs of patches: H = s/(1 - rho) in each, the second with a source of 1e-12 of the first's and a slower series.
+#[test]
+fn a_dark_room_beside_a_bright_one_is_solved_as_if_alone() {
+    let rows = [1, 0, 3, 2].map(|j| Row { direct: vec![(j, 1.0)], ..Row::default() });
+    let matrix = FormFactorMatrix::from_rows(rows.to_vec());
+    let rho = [0.3, 0.3, 0.95, 0.95].map(Rgb::grey);
+    let source = [1e6, 1e6, 1e-6, 1e-6].map(Rgb::grey).to_vec();
+    let system = RadiositySystem { rho: &rho, area: &[1.0; 4], form_factors: &matrix, source };
+    for solver in Solver::ALL {
+        let got = solve(&system, &settings(solver, 1e-5), &mut silent).expect("solves");
+        for (i, want) in [1e6 / 0.7, 1e6 / 0.7, 1e-6 / 0.05, 1e-6 / 0.05].into_iter().enumerate() {
+            let error = (got.irradiance[i].g / want - 1.0).abs();
+            assert!(error <= 1e-5 && got.converged, "{solver:?} patch {i}: {}, expected {want}", got.irradiance[i].g);
+        }
+    }
+}
+
+#[test]
+fn a_closed_scene_that_absorbs_nothing_is_refused() {
+    let matrix = cube();
+    let system = RadiositySystem { rho: &[Rgb::WHITE; 6], area: &[1.0; 6], form_factors: &matrix, source: vec![Rgb::WHITE; 6] };
+    for solver in Solver::ALL {
+        let got = solve(&system, &settings(solver, 1e-5), &mut silent);
+        assert!(matches!(got, Err(SolveError::NoSteadyState { .. })), "{solver:?}");
+    }
+}
+
+/// Patches that see nobody, that are black, or that no light reaches: what they get is the source, or nothing.
+#[test]
+fn patches_without_light_or_reflection() {
+    let rows = [vec![(1, 1.0)], vec![(0, 1.0)], vec![], vec![(4, 1.0)], vec![(3, 1.0)]];
+    let matrix = FormFactorMatrix::from_rows(rows.map(|direct| Row { direct, ..Row::default() }).to_vec());
+    let rho = [0.0, 0.5, 0.7, 1.0, 1.0].map(Rgb::grey);
+    let source = [1.0, 0.0, 3.0, 0.0, 0.0].map(Rgb::grey).to_vec();
+    let system = RadiositySystem { rho: &rho, area: &[1.0; 5], form_factors: &matrix, source };
+    for solver in Solver::ALL {
+        // Patch 0 is lit and black, so patch 1 sees no light; patch 2 is alone; 3 and 4 are white, closed and dark.
+        let got = solve(&system, &settings(solver, 1e-6), &mut silent).expect("no light where nothing is lost");
+        let found: Vec<f64> = got.irradiance.iter().map(|h| h.g).collect();
+        assert_eq!(found, [1.0, 0.0, 3.0, 0.0, 0.0], "{solver:?}");
+        assert!(got.converged, "{solver:?}");
+    }
+}
