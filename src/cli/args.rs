@@ -253,8 +253,8 @@ pub struct SolveArgs {
     /// Not delivered yet
     #[arg(short, long, hide = true)]
     pub output: Option<PathBuf>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
+    /// Write the scene with the solved light in it, as a binary glTF for any viewer
+    #[arg(long, value_name = "FILE.glb")]
     pub gltf: Option<PathBuf>,
 }
 
@@ -366,7 +366,7 @@ impl Args {
             match self.command.as_ref()? {
                 Command::Render(args) => args.not_delivered(),
                 Command::Solve(args) => {
-                    let given = [("solve --output", args.output.is_some()), ("solve --gltf", args.gltf.is_some())];
+                    let given = [("solve --output", args.output.is_some())];
                     first_given(&given)
                 }
                 Command::Probe(_) => None,
@@ -450,7 +450,6 @@ mod tests {
             ("twopass render a.xml --light lamp=2", "--light"),
             ("twopass render a.xml --resume", "--resume"),
             ("twopass solve a.xml -o a.sol", "solve --output"),
-            ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
         ] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));

@@ -2,12 +2,14 @@
 
 pub mod cost;
 pub mod form_factor_table;
+mod lit_gltf;
 pub mod pass_one;
 pub mod probe;
 mod progressive;
 pub mod surface_points;
 
 pub use cost::{StageCost, StageCosts};
+pub use lit_gltf::lit_gltf;
 pub use pass_one::{PassOne, PassOneSettings};
 
 use crate::accel::{AccelError, AccelKind};

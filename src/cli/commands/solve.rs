@@ -17,7 +17,7 @@ use twopass::run_report::{RunReport, StopReason, Stopwatch};
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
-    for path in [common.report.as_deref(), args.irradiance.as_deref()].into_iter().flatten() {
+    for path in [common.report.as_deref(), args.irradiance.as_deref(), args.gltf.as_deref()].into_iter().flatten() {
         probe_writable(path)?;
     }
     let watch = Stopwatch::start();
@@ -36,6 +36,10 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     run_report.stopped_by = if run_report.complete { StopReason::Finished } else { StopReason::NotConverged };
     if let Some(path) = &args.irradiance {
         run_report.time(Stage::Write, || write_irradiance(path, &solved, args.points))?;
+    }
+    if let Some(path) = &args.gltf {
+        let file = pipeline::lit_gltf(&solved.world, &solved.pass_one);
+        run_report.time(Stage::Write, || atomic_write(path, |out| Ok(out.write_all(&file)?)))?;
     }
     report::finish(common, &mut run_report)?;
     print(&summary(&run_report))?;
