@@ -17,6 +17,8 @@ use std::f64::consts::FRAC_1_PI;
 /// Share of the area of surfaces that do not emit that is drawn no brighter than [`BRIGHT`]; glTF's colours end at 1.
 const SHARE: f64 = 0.95;
 const BRIGHT: f64 = 0.8;
+/// Corners this near, in patch sizes, are one: the same place by way of two triangles differs by rounding.
+const SAME_PLACE: f64 = 1e-3;
 /// Faces whose normals differ by more than this cosine do not share a corner's radiance.
 const CREASE: f64 = 0.9;
 
@@ -52,8 +54,9 @@ pub fn lit_gltf(world: &World, pass_one: &PassOne) -> Vec<u8> {
     }
     let exposure = exposure(pass_one);
     let mut file = Builder::default();
+    let unit = SAME_PLACE * patches.patch_size;
     for (shape, faces) in &shapes {
-        file.add_lit(&world.scene().shapes[*shape as usize].id, faces, exposure);
+        file.add_lit(&world.scene().shapes[*shape as usize].id, faces, unit, exposure);
     }
     for (index, shape) in world.scene().shapes.iter().enumerate() {
         if let (false, ShapeSurface::Mesh(mesh)) = (shapes.contains_key(&(index as u32)), &shape.surface) {
@@ -121,19 +124,22 @@ impl Builder {
     }
 
     /// Polygons with a colour at each corner.
-    fn add_lit(&mut self, name: &str, faces: &[Face], exposure: f64) {
-        let key = |c: DVec3| c.as_vec3().to_array().map(f32::to_bits);
-        let mut around: HashMap<[u32; 3], Vec<usize>> = HashMap::new();
+    fn add_lit(&mut self, name: &str, faces: &[Face], unit: f64, exposure: f64) {
+        // Off by no round share, so that the border of two cells is nowhere where corners like to be.
+        let key = |c: DVec3| (c / unit + 0.318_309).to_array().map(|v| v.floor() as i64);
+        // The first corner there gives its place to all, so that no crack opens between them.
+        let mut around: HashMap<[i64; 3], (DVec3, Vec<usize>)> = HashMap::new();
         for (k, face) in faces.iter().enumerate() {
-            face.corners.iter().for_each(|c| around.entry(key(*c)).or_default().push(k));
+            face.corners.iter().for_each(|c| around.entry(key(*c)).or_insert((*c, Vec::new())).1.push(k));
         }
         let (mut positions, mut colours, mut indices) = (Vec::new(), Vec::new(), Vec::new());
         for face in faces {
             let base = positions.len() as u32;
             for corner in &face.corners {
-                let alike = around[&key(*corner)].iter().map(|&k| &faces[k]).filter(|f| f.normal.dot(face.normal) > CREASE);
+                let (place, there) = &around[&key(*corner)];
+                let alike = there.iter().map(|&k| &faces[k]).filter(|f| f.normal.dot(face.normal) > CREASE);
                 let (sum, area) = alike.fold((Rgb::BLACK, 0.0), |(s, a), f| (s + f.radiance * f.area, a + f.area));
-                positions.push(corner.as_vec3());
+                positions.push(place.as_vec3());
                 colours.push((sum / area * exposure).to_array().map(|v| v.clamp(0.0, 1.0) as f32));
             }
             indices.extend((1..face.corners.len() as u32 - 1).flat_map(|k| [base, base + k, base + k + 1]));
