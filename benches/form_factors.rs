@@ -212,7 +212,7 @@ fn reference(path: &Path) {
 
 /// One pair in a hundred, by a hash: a million rays for each of all would take hours.
 fn is_sampled(i: usize, j: usize) -> bool {
-    twopass::math::sampler::mix((i << 32 | j) as u64) % 100 == 0
+    twopass::math::sampler::mix((i << 32 | j) as u64).is_multiple_of(100)
 }
 
 fn polygons(world: &World, patches: &PatchMesh) -> Vec<Polygon> {

@@ -5,6 +5,7 @@ use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "a run keeps one of them")]
 pub enum Stored {
     /// Sparse rows.
     Rows(FormFactorMatrix),

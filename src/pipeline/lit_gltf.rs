@@ -126,7 +126,7 @@ impl Builder {
     /// Polygons with a colour at each corner.
     fn add_lit(&mut self, name: &str, faces: &[Face], unit: f64, exposure: f64) {
         // Off by no round share, so that the border of two cells is nowhere where corners like to be.
-        let key = |c: DVec3| (c / unit + 0.318_309).to_array().map(|v| v.floor() as i64);
+        let key = |c: DVec3| (c / unit + 0.371).to_array().map(|v| v.floor() as i64);
         // The first corner there gives its place to all, so that no crack opens between them.
         let mut around: HashMap<[i64; 3], (DVec3, Vec<usize>)> = HashMap::new();
         for (k, face) in faces.iter().enumerate() {

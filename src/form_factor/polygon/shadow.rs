@@ -182,7 +182,7 @@ mod tests {
         let blocker = square(DVec3::Z * 0.5, 0.125);
         let mut cutter = ShadowCutter::default();
         let mut visible = |blockers: &[Polygon]| cutter.whole_and_visible(DVec3::ZERO, DVec3::Z, &q, blockers);
-        let want = 0.165_978_835_648_252_18;
+        let want = 0.165_978_835_648_252_2;
         let inside = square(DVec3::new(0.02, 0.0, 0.55), 0.1);
         let beside = square(DVec3::new(0.9, 0.0, 0.5), 0.125);
         let all = point_to_polygon(DVec3::ZERO, DVec3::Z, q.corners());
