@@ -255,8 +255,8 @@ pub struct SolveArgs {
     /// Keep the solution in this file. If it is there already, stages of it that nothing has changed for are not done again
     #[arg(short, long, value_name = "FILE.sol")]
     pub output: Option<PathBuf>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
+    /// Write the scene with the solved light in it, as a binary glTF for any viewer
+    #[arg(long, value_name = "FILE.glb")]
     pub gltf: Option<PathBuf>,
 }
 
@@ -366,13 +366,8 @@ impl Args {
         let common = &self.common;
         first_given(&[("--plan", common.plan.is_some())]).or_else(|| match self.command.as_ref()? {
             Command::Render(args) => args.not_delivered(),
-            Command::Solve(args) => {
-                let given = [("solve --gltf", args.gltf.is_some())];
-                first_given(&given)
-            }
-            Command::Probe(_) => None,
+            Command::Solve(_) | Command::Probe(_) | Command::FormFactors(_) => None,
             Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
-            Command::FormFactors(_) => None,
             Command::Serve(_) => Some(later("the subcommand serve")),
         })
     }
@@ -460,7 +455,6 @@ mod tests {
         for (line, name) in [
             ("twopass render a.xml --plan full", "--plan"),
             ("twopass render a.xml --resume", "--resume"),
-            ("twopass solve a.xml --gltf a.glb", "--gltf"),
             ("twopass serve a.xml --port 80", "serve"),
         ] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));

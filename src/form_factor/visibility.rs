@@ -234,9 +234,9 @@ impl Shadowed<'_> {
         if depth == 0 {
             return coarse;
         }
-        // Where all points agree that all or nothing is hidden, a shadow that is not seen yet enters by a corner.
+        // Where all points agree that all or nothing is hidden, a shadow that is not seen yet enters over the border.
         let agreed = coarse.hidden() <= 0.0 || coarse.seen <= 0.0;
-        if agreed && self.at_corners(panel, coarse.hidden() <= 0.0) <= 4.0 * allowed {
+        if agreed && self.at_border(panel, coarse.hidden() <= 0.0) <= 2.0 * allowed {
             return coarse;
         }
         let middle = |p: DVec3, q: DVec3| 0.5 * (p + q);
@@ -259,14 +259,14 @@ impl Shadowed<'_> {
         refined
     }
 
-    /// What the corners of a panel have hidden, or seen, of it beyond what its points have, which is nothing.
-    fn at_corners(&mut self, panel: &[DVec3; 4], hidden: bool) -> f64 {
+    /// What the corners of a panel and the middles of its sides have hidden, or seen, beyond what its points have, which is nothing.
+    fn at_border(&mut self, panel: &[DVec3; 4], hidden: bool) -> f64 {
         let [a, b, c, d] = *panel;
         let area = 0.5 * (c - a).cross(d - b).length();
         let mut most = 0.0_f64;
-        for x in panel {
+        for x in [a, b, c, d, 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + d), 0.5 * (d + a)] {
             // Just inside: a corner itself may lie on a blocker's edge.
-            let x = *x + ((a + b + c + d) * 0.25 - *x) * 1e-6;
+            let x = x + ((a + b + c + d) * 0.25 - x) * 1e-6;
             let (whole, seen) = self.cutter.whole_and_visible(x, self.p.normal(), self.q, self.blockers);
             most = most.max(if hidden { whole - seen } else { seen });
         }

@@ -243,6 +243,29 @@ impl PatchMesh {
         Some(restored.collect())
     }
 
+    /// Polygons to draw patch `id` with, as [`Self::polygons`]; those of a cell of a sphere have their corners on it.
+    pub fn drawn(&self, world: &World, id: PatchId) -> Vec<Vec<DVec3>> {
+        if let Some(polygons) = self.polygons(world, id) {
+            return polygons;
+        }
+        let element = &self.elements[self.element_of[id.0 as usize] as usize];
+        let Piece::SphereCell { primitive, row, column, rows, columns } = self.pieces[element.pieces.start as usize] else {
+            return Vec::new();
+        };
+        let Primitive::Sphere(sphere) = world.soup().primitive(primitive) else { return Vec::new() };
+        let at = |row: u32, column: u32| {
+            let z = 1.0 - 2.0 * f64::from(row) / f64::from(rows);
+            let (s, c) = (2.0 * PI * f64::from(column % columns) / f64::from(columns)).sin_cos();
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            sphere.center.as_dvec3() + f64::from(sphere.radius) * DVec3::new(r * c, r * s, z)
+        };
+        let mut cell = vec![at(row, column), at(row + 1, column), at(row + 1, column + 1), at(row, column + 1)];
+        if !self.side[id.0 as usize] {
+            cell.reverse();
+        }
+        vec![cell]
+    }
+
     fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {
         let ShapeSurface::Mesh(mesh) = &world.scene().shapes[shape].surface else { return };
         let first = world.first_primitive(shape);

@@ -125,7 +125,7 @@ pub(super) fn lamps_of(scene: &Scene) -> Vec<String> {
 /// True if every point looks at every lamp, so that each has light of its own.
 fn is_apart(partition: &EmitterPartition) -> bool {
     let lamps = partition.shadow_lights().len();
-    lamps <= DirectSampling::default().lights_per_point && lamps + partition.distant_lights().len() <= MOST_LAMPS
+    lamps <= DirectSampling::OF_PATCHES.lights_per_point && lamps + partition.distant_lights().len() <= MOST_LAMPS
 }
 
 /// A light as a lamp.
@@ -188,7 +188,7 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
                     let arriving = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
                     Scattering { diffuse: arriving, glossy: arriving * shading.acceptance(ray.direction) }
                 };
-                let sampling = DirectSampling::default();
+                let sampling = DirectSampling::OF_PATCHES;
                 world.direct_by_light(&at, Some(at.ng), sampling, &mut sampler, &mut counts, respond, |light, found| {
                     let sum = &mut sums[lamp_of_light[light]];
                     sum.irradiance += found.diffuse;

@@ -4,6 +4,7 @@ pub mod cost;
 pub mod direct;
 pub mod form_factor_table;
 pub mod keys;
+mod lit_gltf;
 pub mod pass_one;
 pub mod probe;
 mod progressive;
@@ -12,6 +13,7 @@ pub mod surface_points;
 
 pub use cost::{StageCost, StageCosts};
 pub use direct::LampWeight;
+pub use lit_gltf::lit_gltf;
 pub use pass_one::{Kept, PassOne, PassOneSettings, Whole};
 
 use crate::accel::{AccelError, AccelKind};

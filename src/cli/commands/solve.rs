@@ -20,7 +20,8 @@ use twopass::world::World;
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
-    for path in [common.report.as_deref(), args.irradiance.as_deref(), args.output.as_deref()].into_iter().flatten() {
+    let outputs = [&common.report, &args.irradiance, &args.output, &args.gltf];
+    for path in outputs.into_iter().flatten() {
         probe_writable(path)?;
     }
     let watch = Stopwatch::start();
@@ -57,6 +58,10 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     }
     if let Some(path) = &args.irradiance {
         run_report.time(Stage::Write, || write_irradiance(path, &solved, args.points))?;
+    }
+    if let Some(path) = &args.gltf {
+        let file = pipeline::lit_gltf(&solved.world, &solved.pass_one);
+        run_report.time(Stage::Write, || atomic_write(path, |out| Ok(out.write_all(&file)?)))?;
     }
     report::finish(common, &mut run_report)?;
     print(&summary(&run_report))?;

@@ -230,7 +230,7 @@ fn cast_group(
         cast.counts.form_factor += 1;
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
         let sight =
-            Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling: DirectSampling::default() });
+            Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling: DirectSampling::OF_PATCHES });
         let mut found = Rgb::BLACK;
         // 0: past what is no patch; 1: off a patch.
         let mut way = 0;

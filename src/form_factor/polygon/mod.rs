@@ -211,7 +211,7 @@ fn between(p: &Polygon, q: &Polygon, tolerance: f64, depth: u32) -> f64 {
 }
 
 /// Nodes a side with which product rules reach `tolerance`, if any do: an n-point rule on a panel of half width a errs as rho^(-2n), where the
-/// nearest singularity, at distance D or more, lies on the ellipse with rho = D/a + sqrt((D/a)² + 1) (Trefethen 2008, theorem 4.5).
+/// nearest singularity, at distance D or more, lies on the ellipse with rho = D/a + sqrt((D/a)² + 1) [Trefethen08, theorem 4.5].
 #[inline]
 fn nodes_needed(p: &Polygon, q: &Polygon, tolerance: f64) -> Option<usize> {
     let room = p.center.distance(q.center) - p.radius - q.radius;
