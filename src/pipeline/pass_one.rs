@@ -46,10 +46,13 @@ impl Default for PassOneSettings {
 }
 
 impl PassOneSettings {
-    /// Patches that it will have, about, and the bytes that it takes for them at most.
-    pub fn predicted(&self, world: &World) -> (f64, f64) {
-        let patches = PatchMesh::expected(world, &self.patches);
-        (patches, memory::predicted(patches, &self.form_factor_settings(0)))
+    /// The number of patches, and the bytes that they and their form factors take at most, besides the scene.
+    ///
+    /// # Errors
+    /// If the patches are too many.
+    pub fn predicted(&self, world: &World) -> Result<(usize, u64), PipelineError> {
+        let patches = PatchMesh::build(world, &self.patches)?.len();
+        Ok((patches, memory::predicted(patches as f64, &self.form_factor_settings(0)) as u64))
     }
 
     /// How form factors are made under `seed`.

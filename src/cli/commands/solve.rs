@@ -42,9 +42,10 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let mut observer = observer(Display::new(common), &interrupt);
     let mut costs = StageCosts::default();
     let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
-    if kept.form_factors.is_none() {
-        let (patches, bytes) = settings.pass_one.predicted(&world);
-        say(common, &format!("pass one: about {patches:.0} patches, at most {:.0} MB", bytes / 1e6));
+    if !common.quiet && kept.form_factors.is_none() {
+        // Counted before it is refused or taken: patches alone are a small part of it.
+        let (patches, bytes) = settings.pass_one.predicted(&world)?;
+        say(common, &format!("pass one: {patches} patches, at most {} MB", bytes / 1_000_000));
     }
     let solved = pipeline::solve_from(world, &settings, kept, costs, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;

@@ -27,6 +27,9 @@ use tree::Tree;
 const CLOSING_SWEEPS: usize = 100;
 /// Relative defect at which they end; what is left goes to the diagonal.
 const CLOSE_ENOUGH: f64 = 1e-7;
+/// Most of a row that stays with its patch: in a pocket whose links say next to nothing, a white patch would keep all its light. What is
+/// missing beyond is lost, and the defect says so.
+const MOST_KEPT: f64 = 0.5;
 /// Scales stay within this range: a row of few links must not be blown up.
 const SCALES: [f64; 2] = [0.5, 2.0];
 
@@ -206,7 +209,7 @@ impl Hierarchy {
     ///
     /// A row whose group sends all its rays to patches sums to 1. Another one sums to what its links say, and what goes elsewhere takes the
     /// rest. The scaling is a symmetric Sinkhorn iteration [Sinkhorn64]; rows that it leaves too large are scaled down, which makes no
-    /// other one larger, and what is then missing stays with the patch itself: rows close exactly, and transport remains symmetric.
+    /// other one larger, and what is then missing, up to a half, stays with the patch itself: transport remains symmetric.
     fn close(&mut self) -> Outside {
         let raw = self.transport(|_| 1.0);
         let target: Vec<f64> = raw.iter().enumerate().map(|(at, sum)| self.beside.target(at, *sum)).collect();
@@ -233,7 +236,7 @@ impl Hierarchy {
         }
         let sums = self.transport(|_| 1.0);
         for ((kept, sum), target) in self.kept.iter_mut().zip(&sums).zip(&target) {
-            *kept = (target - sum).max(0.0);
+            *kept = (target - sum).clamp(0.0, MOST_KEPT);
         }
         let elsewhere = |at: usize| self.beside.share_elsewhere(at);
         let rows = raw.iter().enumerate().map(|(at, sum)| sum + elsewhere(at));

@@ -16,10 +16,12 @@ const TASKS: usize = 4096;
 const BATCH: usize = 256;
 /// Fewest rays by which the visible share of a pair is measured.
 const FEWEST_RAYS: u32 = 2;
+/// The same between two patches: what they exchange is in no other link.
+const FEWEST_BETWEEN_PATCHES: u32 = 4;
 /// Most rays.
-const MOST_RAYS: u32 = 64;
+const MOST_RAYS: u32 = 16;
 /// The error that visibility leaves to a form factor may be this many times that of its kernel: it is random, and averages out.
-const VISIBILITY_SHARE: f64 = 2.0;
+const VISIBILITY_SHARE: f64 = 4.0;
 
 /// What a wall parts is linked as one only if what passes is below this share of the tolerance: all such links err alike.
 const TORN_SHARE: f64 = 1.0 / 16.0;
@@ -170,7 +172,8 @@ impl Refinement<'_> {
         }
         // Standard error of a share is at most 1/(2 sqrt n).
         let wanted = (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2);
-        let n = (wanted.ceil() as u32).clamp(FEWEST_RAYS, MOST_RAYS);
+        let fewest = if a.is_leaf() && b.is_leaf() { FEWEST_BETWEEN_PATCHES } else { FEWEST_RAYS };
+        let n = (wanted.ceil() as u32).clamp(fewest, MOST_RAYS);
         whole * self.visible_share(p as usize, q as usize, n, rays)
     }
 
