@@ -3,6 +3,7 @@
 //! A flag that the command line promises but that does not work yet is parsed, hidden from the help, and refused by
 //! [`Args::not_delivered`]: it is never ignored.
 
+use super::method_args::MethodArgs;
 use super::values::{
     Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_method, parse_positive, parse_read_out,
     parse_sampler, parse_whole,
@@ -186,6 +187,8 @@ pub struct RenderArgs {
     pub list_methods: bool,
     #[command(flatten)]
     pub pass_two: PassTwoArgs,
+    #[command(flatten)]
+    pub methods: MethodArgs,
     #[command(flatten)]
     pub pass_one: PassOneArgs,
     /// Size of the picture in pixels; default: the scene's
@@ -427,6 +430,7 @@ mod tests {
         for (line, flag, expected) in [
             ("render a.xml --spp -3", "--spp", "1 or more"),
             ("render a.xml --gather-rays -1", "--gather-rays", "1 or more"),
+            ("render a.xml --ambient -1", "--ambient", "0 or more"),
             ("render a.xml --threads -1", "--threads", "0 or more"),
             ("render a.xml --seed -1", "--seed", "0 or more"),
             ("render a.xml --time -1", "--time", "above 0"),

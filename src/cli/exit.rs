@@ -126,7 +126,10 @@ impl Failure {
             Failure::Picture(_) | Failure::Metrics(_) | Failure::Table { .. } | Failure::Plan(_) | Failure::Input { .. } => INPUT,
             Failure::Pipeline(error) => match error {
                 PipelineError::Accel(AccelError::TooManyPrimitives { .. }) | PipelineError::Patch(_) => LIMIT,
-                PipelineError::Accel(_) | PipelineError::Crop(..) | PipelineError::NoFirstPass(_) => USAGE,
+                PipelineError::Accel(_)
+                | PipelineError::Crop(..)
+                | PipelineError::NoFirstPass(_)
+                | PipelineError::OneReadOut(_) => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Stopped => INTERNAL,
             },

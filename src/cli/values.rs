@@ -1,6 +1,7 @@
 //! Values of flags: text to number, with a message that says what was expected.
 
 use std::str::FromStr;
+use twopass::integrator::bidirectional::Heuristic;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::SamplerKind;
 
@@ -83,6 +84,11 @@ pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())
 }
 
+/// Parses a finite number of 0 or more.
+pub fn parse_from_zero(text: &str) -> Result<f64, String> {
+    parse_finite(text).ok().filter(|v| *v >= 0.0).ok_or_else(|| "expected a number of 0 or more".to_owned())
+}
+
 /// Parses a finite number.
 pub fn parse_finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
@@ -109,6 +115,11 @@ pub fn parse_read_out(text: &str) -> Result<ReadOut, String> {
 pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
     let names = SamplerKind::ALL.map(SamplerKind::name).join(", ");
     SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
+}
+
+/// Parses the name of a heuristic.
+pub fn parse_heuristic(text: &str) -> Result<Heuristic, String> {
+    Heuristic::ALL.into_iter().find(|h| h.name() == text).ok_or_else(|| "expected power or balance".to_owned())
 }
 
 /// Name of a read-out, as it is typed.
@@ -160,6 +171,6 @@ mod tests {
         for method in Method::ALL {
             assert_eq!(parse_method(method.name()), Ok(method));
         }
-        assert!(parse_method("metropolis").unwrap_err().contains("two-pass-whitted"));
+        assert!(parse_method("magic").unwrap_err().contains("two-pass-whitted"));
     }
 }

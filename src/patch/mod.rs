@@ -180,13 +180,15 @@ impl PatchMesh {
 
     /// For each patch: true if the lamp it belongs to is found by shadow rays, so that form factors must not carry its emission.
     pub fn found_by_shadow_rays(&self, world: &World) -> Vec<bool> {
-        let shape = |element: u32| {
-            let first = self.elements[element as usize].pieces.start as usize;
-            match self.pieces[first] {
-                Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
-            }
-        };
-        self.element_of.iter().map(|&e| world.partition().found_by_shadow_rays(shape(e))).collect()
+        (0..self.len()).map(|i| world.partition().found_by_shadow_rays(self.shape_of(world, i))).collect()
+    }
+
+    /// Index of the shape that patch `i` is part of.
+    pub fn shape_of(&self, world: &World, i: usize) -> usize {
+        let first = self.elements[self.element_of[i] as usize].pieces.start as usize;
+        match self.pieces[first] {
+            Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
+        }
     }
 
     fn add_mesh(&mut self, world: &World, shape: usize, [any_cutter, large_cutters]: &[Cutters; 2], sizes: Sizes) {

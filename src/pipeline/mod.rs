@@ -13,7 +13,7 @@ use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
 use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
-use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
+use crate::integrator::{Frame, IntegratorSettings, Method, MethodSettings, ReadOut};
 use crate::math::SamplerKind;
 use crate::patch::PatchError;
 use crate::progress::{Observer, Stage};
@@ -40,6 +40,8 @@ pub struct RenderSettings {
     pub budget: Budget,
     /// Gather rays per camera sample.
     pub gather_rays: u32,
+    /// What only single methods know.
+    pub methods: MethodSettings,
     /// Seed of all random numbers.
     pub seed: u64,
     /// How samples of one pixel lie among each other.
@@ -64,6 +66,7 @@ impl Default for RenderSettings {
             max_depth: None,
             budget: Budget::default(),
             gather_rays: DEFAULT_GATHER_RAYS,
+            methods: MethodSettings::default(),
             seed: 0,
             sampler: SamplerKind::default(),
             pass_one: PassOneSettings::default(),
@@ -80,6 +83,9 @@ impl RenderSettings {
     pub fn read_out(&self) -> Result<Option<ReadOut>, PipelineError> {
         match (self.method.read_out(), self.read_out) {
             (None, Some(_)) => Err(PipelineError::NoFirstPass(self.method)),
+            (Some(own), Some(chosen)) if own != chosen && !self.method.has_read_outs() => {
+                Err(PipelineError::OneReadOut(self.method))
+            }
             (own, chosen) => Ok(chosen.or(own)),
         }
     }
@@ -119,6 +125,9 @@ pub enum PipelineError {
     /// A read-out was asked of a method that has no first pass.
     #[error("the method {} has no first pass, so there is no read-out to choose", .0.name())]
     NoFirstPass(Method),
+    /// Another read-out was asked of a method that has one of its own.
+    #[error("the method {} reads its first pass in one way only, so there is no read-out to choose", .0.name())]
+    OneReadOut(Method),
     /// Stopped before there was anything to show.
     #[error("stopped before the first picture")]
     Stopped,
@@ -202,7 +211,8 @@ pub fn render_world(
     // A path of two edges or fewer never meets a second diffuse surface.
     let progressive = read_out == Some(ReadOut::Progressive);
     let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
-    let first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
+    let mut first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
+    first.extended &= settings.method.extends_form_factors();
     let mut pass_one = if needs_pass_one {
         Some(pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer)?)
     } else {
@@ -218,7 +228,7 @@ pub fn render_world(
         return Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world });
     }
     let field = pass_one.as_ref().map(|p| &p.field);
-    let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?);
+    let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?, &settings.methods);
     let Driven { film, counts: pass_two, complete } =
         watch.time(Stage::Render, || drive(&mut *integrator, &frame, &budget, clocks, observer, snapshot));
     watch.take_off(Stage::Render, clocks.excluded());

@@ -25,12 +25,19 @@ pub struct PassOneSettings {
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
+    /// Form factors by way of mirrors, glass and gloss as well (extended ones, [Sillion89]).
+    pub extended: bool,
 }
 
 impl Default for PassOneSettings {
     /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
-        Self { patches: PatchSettings::default(), form_factor_tolerance: 0.0221, solver: SolverSettings::default() }
+        Self {
+            patches: PatchSettings::default(),
+            form_factor_tolerance: 0.0221,
+            solver: SolverSettings::default(),
+            extended: true,
+        }
     }
 }
 
@@ -76,7 +83,10 @@ pub fn solve(
 ) -> Result<PassOne, PipelineError> {
     let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
     stop_if_asked(observer, Stage::Patches)?;
-    let ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, DIRECT_POINTS, mix(seed ^ 0x00f0_0f0f));
+    let mut ray_cast = RayCastSettings::for_tolerance(settings.form_factor_tolerance, DIRECT_POINTS, mix(seed ^ 0x00f0_0f0f));
+    if !settings.extended {
+        ray_cast.max_events = 0;
+    }
     let shadow =
         watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, ray_cast.rays_beside_shadow_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;

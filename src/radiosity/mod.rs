@@ -2,10 +2,12 @@
 
 pub mod field;
 pub mod gauss_seidel;
+pub mod interpolation;
 mod krylov;
 pub mod system;
 
 pub use field::{Incident, RadiosityField};
+pub use interpolation::Interpolation;
 pub use system::RadiositySystem;
 
 use crate::math::Rgb;

@@ -1,6 +1,6 @@
 //! `twopass render`: both passes, OUT.exr and OUT.png.
 
-use super::render_settings;
+use super::{method_settings, render_settings};
 use crate::cli::args::{Common, RenderArgs, ToneMapName};
 use crate::cli::exit::Failure;
 use crate::cli::interrupt::Interrupt;
@@ -92,6 +92,7 @@ fn settings(common: &Common, args: &RenderArgs) -> RenderSettings {
         size: args.size.map(|s| (s.width, s.height)),
         crop: args.crop.map(|c| c.0),
         budget: Budget { spp: args.spp, time: args.time, cpu_time: args.cpu_time, error: args.error },
+        methods: method_settings(&args.methods),
         ..render_settings(common, &args.pass_one, Some(&args.pass_two))
     }
 }
@@ -128,6 +129,8 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
     report::set(run_report, "max_depth", depth);
     report::set(run_report, "gather_rays", settings.gather_rays);
+    report::set(run_report, "ambient", args.methods.ambient);
+    report::set(run_report, "heuristic", args.methods.heuristic.map(|h| h.name()));
     report::set_pass_one(run_report, &args.pass_one);
 }
 
