@@ -1,6 +1,7 @@
 //! Flags of single methods. A method that does not know a flag does not look at it.
 
-use super::values::{parse_from_zero, parse_heuristic};
+use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_share};
+use twopass::integrator::PathFilter;
 use twopass::integrator::bidirectional::Heuristic;
 
 /// Flags that only single methods know.
@@ -12,4 +13,16 @@ pub struct MethodArgs {
     /// bidirectional: how the ways to make a path share it: power (the default), balance
     #[arg(long, value_name = "NAME", value_parser = parse_heuristic, help_heading = "Single methods")]
     pub heuristic: Option<Heuristic>,
+    /// photon-map, sppm: photons of the first round, of each pass; default: one for each pixel
+    #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
+    pub photons: Option<u32>,
+    /// metropolis: chains of each half of the picture; default: 64
+    #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
+    pub chains: Option<u32>,
+    /// metropolis: probability of a large step; default: 0.3
+    #[arg(long, value_name = "P", value_parser = parse_share, allow_hyphen_values = true, help_heading = "Single methods")]
+    pub large_steps: Option<f64>,
+    /// path: only light paths that match, such as LS+DE: L lamp, D diffuse or rough, S ideal mirror or glass, E eye
+    #[arg(long, value_name = "REGEX", value_parser = PathFilter::new, allow_hyphen_values = true, help_heading = "Single methods")]
+    pub paths: Option<PathFilter>,
 }

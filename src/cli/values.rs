@@ -84,6 +84,11 @@ pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())
 }
 
+/// Parses a number above 0 and up to 1.
+pub fn parse_share(text: &str) -> Result<f64, String> {
+    parse_positive(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "expected a number above 0, 1 at most".to_owned())
+}
+
 /// Parses a finite number of 0 or more.
 pub fn parse_from_zero(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v >= 0.0).ok_or_else(|| "expected a number of 0 or more".to_owned())

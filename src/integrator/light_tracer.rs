@@ -3,12 +3,10 @@
 //! What has no surface that scatters between itself and the camera is not found so: lamps seen at once are looked at by camera rays,
 //! what is seen in mirrors and through glass stays dark.
 
-use super::bidirectional::subpath::{Carried, Met, Walk};
 use super::bidirectional::{Connector, Heuristic, layer_of, light_sampler};
 use super::splat::{Splats, each_pixel_with_splats};
 use super::{Frame, Integrator, IntegratorSettings, Start};
-use crate::film::{PixelSample, Quantity};
-use crate::math::Rgb;
+use crate::film::PixelSample;
 use crate::world::World;
 use crate::world::walk::RayCounts;
 
@@ -34,29 +32,8 @@ impl<'a> LightTracer<'a> {
                 splats.add(sighting.film_point, layer_of(vertex.scattered + 1, vertex.began_ideal), found);
             }
         });
-        let mut sample = PixelSample::default();
-        let walk = Walk { world: connector.world, heuristic: connector.heuristic, carried: Carried::Radiance };
         let mut sampler = start.sampler;
-        // One edge is all that is asked of the camera's walk: that is no limit which cuts light off.
-        let mut uncounted = RayCounts::default();
-        let begin = connector.camera_start(start.ray);
-        walk.go(
-            begin,
-            connector.limit.min(1),
-            &mut sampler,
-            &mut uncounted,
-            |_, _| {},
-            |met, _, _| match met {
-                Met::Outside(direction, edge) => *sample.layer(Quantity::Direct) += connector.met(direction, None, edge),
-                Met::Surface(vertex, shading, edge) => {
-                    *sample.layer(Quantity::Depth) = Rgb::grey(f64::from(vertex.si.t));
-                    *sample.layer(Quantity::Normal) = Rgb::from(vertex.si.ns.to_array());
-                    *sample.layer(Quantity::Albedo) += vertex.throughput * shading.diffuse_reflectance();
-                    *sample.layer(Quantity::Direct) += connector.met(-vertex.si.wo, Some(&vertex.si), edge);
-                }
-            },
-        );
-        sample
+        connector.seen_at_once(start.ray, &mut sampler)
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::bidirectional::{Bidirectional, Heuristic};
 use super::light_tracer::LightTracer;
-use super::{Integrator, IntegratorSettings, ReadOut, TwoPass, path, radiosity_view};
+use super::metropolis::{Metropolis, MetropolisSettings};
+use super::photon::{PhotonMapper, Sppm};
+use super::{Integrator, IntegratorSettings, PathFilter, ReadOut, TwoPass, path, radiosity_view};
 use crate::radiosity::RadiosityField;
 use crate::world::World;
 use serde::{Deserialize, Serialize};
@@ -25,6 +27,12 @@ pub enum Method {
     Light,
     /// Walks from both ends.
     Bidirectional,
+    /// Final gather over photon maps.
+    PhotonMap,
+    /// Photons anew in each pass, on shrinking disks.
+    Sppm,
+    /// Chains of paths.
+    Metropolis,
 }
 
 /// What becomes of a method's error.
@@ -68,7 +76,7 @@ pub struct Row {
 
 impl Method {
     /// All methods, in the order of `--list-methods`.
-    pub const ALL: [Method; 7] = [
+    pub const ALL: [Method; 10] = [
         Method::TwoPass,
         Method::TwoPassWhitted,
         Method::WhittedOnly,
@@ -76,6 +84,9 @@ impl Method {
         Method::Path,
         Method::Light,
         Method::Bidirectional,
+        Method::PhotonMap,
+        Method::Sppm,
+        Method::Metropolis,
     ];
 
     /// Name on the command line.
@@ -87,7 +98,7 @@ impl Method {
     pub fn row(self) -> Row {
         let row =
             |name, paths, error, view_independent, about, citation| Row { name, paths, error, view_independent, about, citation };
-        use ErrorKind::{Biased, Unbiased};
+        use ErrorKind::{Biased, Consistent, Unbiased};
         match self {
             Method::TwoPass => row(
                 "two-pass",
@@ -145,6 +156,30 @@ impl Method {
                 "walks from camera and lamps, every vertex of one connected with each of the other",
                 "Lafortune93, Veach97, Georgiev12",
             ),
+            Method::PhotonMap => row(
+                "photon-map",
+                "L(S|D)*E",
+                Biased,
+                true,
+                "maps of photons, of all and of caustics; shadow rays and final gather; more photons as time passes",
+                "Jensen96, Christensen99",
+            ),
+            Method::Sppm => row(
+                "sppm",
+                "L(S|D)*E",
+                Consistent,
+                false,
+                "new photons in each pass, on disks that shrink; shadow rays",
+                "Hachisuka09, Knaus11",
+            ),
+            Method::Metropolis => row(
+                "metropolis",
+                "L(S|D)*E",
+                Unbiased,
+                false,
+                "chains of paths made as by bidirectional, each a small change of the one before",
+                "Veach97, Kelemen02, Hachisuka14",
+            ),
         }
     }
 
@@ -154,7 +189,13 @@ impl Method {
             Method::TwoPass => Some(ReadOut::Progressive),
             Method::TwoPassWhitted => Some(ReadOut::DirectStored),
             Method::Radiosity => Some(ReadOut::Stored),
-            Method::WhittedOnly | Method::Path | Method::Light | Method::Bidirectional => None,
+            Method::WhittedOnly
+            | Method::Path
+            | Method::Light
+            | Method::Bidirectional
+            | Method::PhotonMap
+            | Method::Sppm
+            | Method::Metropolis => None,
         }
     }
 
@@ -182,9 +223,12 @@ impl Method {
             Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
             Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
             Method::Radiosity => Box::new(radiosity_view::RadiosityView::new(world, field, settings)),
-            Method::Path => Box::new(path::PathTracer { world, settings }),
+            Method::Path => Box::new(path::PathTracer { world, settings, filter: methods.paths.clone() }),
             Method::Light => Box::new(LightTracer::new(world, settings)),
             Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),
+            Method::PhotonMap => Box::new(PhotonMapper::new(world, settings, methods.photons)),
+            Method::Metropolis => Box::new(Metropolis::new(world, settings, methods.heuristic, methods.metropolis)),
+            Method::Sppm => Box::new(Sppm::new(world, settings, methods.photons)),
         }
     }
 }
@@ -196,4 +240,10 @@ pub struct MethodSettings {
     pub ambient: f64,
     /// Of bidirectional: how the ways to make a path share it.
     pub heuristic: Heuristic,
+    /// Of photon-map and sppm: photons that leave the lamps, in the first round and in each pass; `None`: one for each pixel.
+    pub photons: Option<u32>,
+    /// Of metropolis.
+    pub metropolis: MetropolisSettings,
+    /// Of path: which light paths count; `None`: all.
+    pub paths: Option<PathFilter>,
 }

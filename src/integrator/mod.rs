@@ -8,12 +8,16 @@ pub mod final_gather;
 pub mod irradiance_cache;
 pub mod light_tracer;
 pub mod method;
+pub mod metropolis;
 pub mod path;
+mod path_filter;
+pub mod photon;
 pub mod radiosity_view;
 mod splat;
 pub mod whitted;
 
 pub use method::{Method, MethodSettings};
+pub use path_filter::PathFilter;
 
 use crate::film::PixelSample;
 use crate::geometry::Ray;

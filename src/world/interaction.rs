@@ -80,6 +80,12 @@ impl SurfaceInteraction {
     /// Frame of the material: around the shading normal, unless the viewer is below it (then the geometric one).
     #[inline]
     pub fn shading_frame(&self) -> Frame {
-        Frame::new(if self.wo.dot(self.ns) > 1e-4 { self.ns } else { self.ng })
+        Frame::new(self.shading_normal(self.wo))
+    }
+
+    /// Third axis of [`Self::shading_frame`] for a viewer on this side along the unit vector `wo`.
+    #[inline]
+    pub fn shading_normal(&self, wo: Vec3) -> Vec3 {
+        if wo.dot(self.ns) > 1e-4 { self.ns } else { self.ng }
     }
 }

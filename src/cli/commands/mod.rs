@@ -58,6 +58,10 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
 fn method_settings(args: &MethodArgs) -> MethodSettings {
     let mut settings = MethodSettings::default();
     settings.ambient = args.ambient.unwrap_or(settings.ambient);
+    settings.photons = args.photons;
+    settings.metropolis.chains = args.chains.unwrap_or(settings.metropolis.chains);
+    settings.metropolis.large_steps = args.large_steps.unwrap_or(settings.metropolis.large_steps);
+    settings.paths.clone_from(&args.paths);
     settings.heuristic = args.heuristic.unwrap_or(settings.heuristic);
     settings
 }

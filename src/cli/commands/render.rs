@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use twopass::film::io::{Header, Operator, ToneMap, WriteError, probe_writable, write_exr, write_png};
 use twopass::film::{Film, Layer};
+use twopass::integrator::Method;
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::load::LoadedScene;
 use twopass::pipeline::{self, PipelineError, RenderSettings, Rendered};
@@ -42,6 +43,9 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::Usage("--snapshots-cpu: expected ascending times".to_owned()));
     }
     let settings = settings(common, args);
+    if args.methods.paths.is_some() && args.method != Method::Path {
+        return Err(Failure::Usage(format!("--paths: expected --method path; {} carries what it carries", args.method.name())));
+    }
     settings.read_out()?;
     let mut job = Job { common, args, settings, targets, interrupt: &interrupt };
     let watch = Stopwatch::start();
@@ -130,6 +134,10 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set(run_report, "max_depth", depth);
     report::set(run_report, "gather_rays", settings.gather_rays);
     report::set(run_report, "ambient", args.methods.ambient);
+    report::set(run_report, "photons", args.methods.photons);
+    report::set(run_report, "chains", args.methods.chains);
+    report::set(run_report, "large_steps", args.methods.large_steps);
+    report::set(run_report, "paths", args.methods.paths.as_ref().map(|p| p.text().to_owned()));
     report::set(run_report, "heuristic", args.methods.heuristic.map(|h| h.name()));
     report::set_pass_one(run_report, &args.pass_one);
 }

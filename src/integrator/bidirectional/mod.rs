@@ -17,7 +17,7 @@ use crate::scene::Sighting;
 use crate::world::walk::RayCounts;
 use crate::world::{Departures, Shading, ShadowRay, SurfaceInteraction, World};
 use serde::{Deserialize, Serialize};
-use subpath::{Carried, LastEdge, Met, Start, Vertex, Walk, begin_light, depart, importance_response};
+use subpath::{Carried, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart};
 
 /// No path is longer, whatever the scene asks.
 const DEEPEST: u32 = 512;
@@ -87,15 +87,52 @@ impl<'a> Connector<'a> {
         (self.width, self.height, self.light_walks) = (frame.width, frame.height, frame.n_pixels().max(1) as f64);
     }
 
+    /// What a camera ray meets first: emission, and what the layers say of it.
+    pub fn seen_at_once(&self, ray: Ray, sampler: &mut Sampler) -> PixelSample {
+        let mut sample = PixelSample::default();
+        let walk = Walk { world: self.world, heuristic: self.heuristic, carried: Carried::Radiance };
+        // One edge is all that is asked of this walk: that is no limit which cuts light off.
+        let mut uncounted = RayCounts::default();
+        let begin = self.camera_start(ray);
+        walk.go(
+            begin,
+            self.limit.min(1),
+            sampler,
+            &mut uncounted,
+            |_, _| {},
+            |met, _, _| match met {
+                Met::Outside(direction, edge) => *sample.layer(Quantity::Direct) += self.met(direction, None, edge),
+                Met::Surface(vertex, shading, edge) => {
+                    *sample.layer(Quantity::Depth) = Rgb::grey(f64::from(vertex.si.t));
+                    *sample.layer(Quantity::Normal) = Rgb::from(vertex.si.ns.to_array());
+                    *sample.layer(Quantity::Albedo) += vertex.throughput * shading.diffuse_reflectance();
+                    *sample.layer(Quantity::Direct) += self.met(-vertex.si.wo, Some(&vertex.si), edge);
+                }
+            },
+        );
+        sample
+    }
+
     /// One light walk; `visit` gets every vertex that is not ideal through and through.
     pub fn light_walk(
         &self,
         sampler: &mut Sampler,
         counts: &mut RayCounts,
+        visit: impl FnMut(&Vertex, &Shading<'_>, &mut RayCounts),
+    ) {
+        self.light_walk_of(self.limit.saturating_sub(1), sampler, counts, visit);
+    }
+
+    /// As [`Self::light_walk`], of no more than `most_edges`.
+    pub fn light_walk_of(
+        &self,
+        most_edges: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
         mut visit: impl FnMut(&Vertex, &Shading<'_>, &mut RayCounts),
     ) {
         let Some(departures) = &self.departures else { return };
-        if self.limit < 2 {
+        if most_edges == 0 {
             return;
         }
         let Some((start, departure)) = depart(self.world, departures, sampler) else { return };
@@ -104,7 +141,7 @@ impl<'a> Connector<'a> {
         let begin = |vertex: &mut Vertex, shading: &Shading<'_>| {
             begin_light(self.world, self.heuristic, &departure, vertex, shading);
         };
-        walk.go(start, self.limit - 1, sampler, counts, begin, |met, _, counts| {
+        walk.go(start, most_edges, sampler, counts, begin, |met, _, counts| {
             if let Met::Surface(vertex, shading, _) = met
                 && (shading.has_diffuse() || shading.has_glossy())
             {
@@ -149,14 +186,12 @@ impl<'a> Connector<'a> {
         let si = &vertex.si;
         let mis = |x: f64| self.heuristic.of(x);
         let respond = |ray: &ShadowRay| {
-            let response = shading.eval(ray.direction).total();
+            let Scattered { response, forward, reverse } = vertex.scatter(self.world, Carried::Radiance, ray.direction);
             if response.is_black() {
                 return Scattering::default();
             }
             let density = ray.comparable_density();
-            let by_scattering = if ray.density.is_finite() { mis(shading.pdf(ray.direction) / density) } else { 0.0 };
-            let turned = si.seen_from(ray.direction);
-            let reverse = self.world.shading(&turned).pdf(si.wo);
+            let by_scattering = if ray.density.is_finite() { mis(forward / density) } else { 0.0 };
             let cos = f64::from(si.ng.dot(ray.direction).abs());
             let leaving = departures.density_against(self.world, ray);
             let by_light = mis(leaving * cos / density) * (vertex.d_vcm + vertex.d_vc * mis(reverse));
@@ -167,41 +202,40 @@ impl<'a> Connector<'a> {
     }
 
     /// s, t > 1: a vertex of the camera's walk connected with one of a light's, with its weight.
-    pub fn connect(&self, x: &Vertex, shading: &Shading<'_>, y: &Vertex, counts: &mut RayCounts) -> Rgb {
+    pub fn connect(&self, x: &Vertex, y: &Vertex, counts: &mut RayCounts) -> Rgb {
         let to = (y.si.point - x.si.point).as_dvec3();
         let d2 = to.length_squared();
         if d2 <= 0.0 {
             return Rgb::BLACK;
         }
         let direction = (to / d2.sqrt()).as_vec3();
-        let response = shading.eval(direction).total();
-        if response.is_black() {
+        let at_x = x.scatter(self.world, Carried::Radiance, direction);
+        if at_x.response.is_black() {
             return Rgb::BLACK;
         }
-        let (light_response, light_reverse) = importance_response(self.world, y, -direction);
-        let carried = x.throughput * response * light_response * y.throughput / d2;
+        let at_y = y.scatter(self.world, Carried::Light, -direction);
+        let carried = x.throughput * at_x.response * at_y.response * y.throughput / d2;
         if carried.is_black() || !carried.is_finite() {
+            return Rgb::BLACK;
+        }
+        counts.shadow += 1;
+        let visible = self.world.transmittance(&x.si.spawn_to(y.si.moved_towards(-direction)));
+        if visible.is_black() {
             return Rgb::BLACK;
         }
         let mis = |v: f64| self.heuristic.of(v);
         let cos_x = f64::from(x.si.ng.dot(direction).abs());
         let cos_y = f64::from(y.si.ng.dot(direction).abs());
-        let forward_x = shading.pdf(direction);
-        let turned = x.si.seen_from(direction);
-        let reverse_x = self.world.shading(&turned).pdf(x.si.wo);
-        let forward_y = self.world.shading(&y.si).pdf(-direction);
-        let by_camera = mis(forward_x * cos_y / d2) * (y.d_vcm + y.d_vc * mis(light_reverse));
-        let by_light = mis(forward_y * cos_x / d2) * (x.d_vcm + x.d_vc * mis(reverse_x));
-        counts.shadow += 1;
-        let ray = x.si.spawn_to(y.si.moved_towards(-direction));
-        carried * self.world.transmittance(&ray) / (1.0 + by_camera + by_light)
+        let by_camera = mis(at_x.forward * cos_y / d2) * (y.d_vcm + y.d_vc * mis(at_y.reverse));
+        let by_light = mis(at_y.forward * cos_x / d2) * (x.d_vcm + x.d_vc * mis(at_x.reverse));
+        carried * visible / (1.0 + by_camera + by_light)
     }
 
     /// t = 1 before weights and visibility: where the camera sees a vertex of a light's walk, the light that it sees times the number of
     /// light walks, and the density of the way back [1/sr].
     pub fn sighted(&self, y: &Vertex) -> Option<(Sighting, Rgb, f64)> {
         let sighting = self.world.scene().camera.see(y.si.point, self.width, self.height)?;
-        let (response, reverse) = importance_response(self.world, y, sighting.direction);
+        let Scattered { response, reverse, .. } = y.scatter(self.world, Carried::Light, sighting.direction);
         let carried = y.throughput * response * (sighting.importance / sighting.distance_squared);
         (!carried.is_black() && carried.is_finite()).then_some((sighting, carried, reverse))
     }
@@ -294,7 +328,7 @@ impl<'a> Bidirectional<'a> {
                     *sample.layer(layer_of(vertex.scattered + 1, false)) += connector.direct(vertex, shading, sampler, counts);
                     for y in vertices.iter().filter(|y| vertex.edges + y.edges < limit) {
                         let layer = layer_of(vertex.scattered + y.scattered + 2, false);
-                        *sample.layer(layer) += connector.connect(vertex, shading, y, counts);
+                        *sample.layer(layer) += connector.connect(vertex, y, counts);
                     }
                 }
             },

@@ -10,9 +10,10 @@ use crate::math::{Rgb, Sampler, Vec3};
 use crate::world::sight::Origin;
 use crate::world::walk::RayCounts;
 use crate::world::{Departures, Shading, SurfaceInteraction, World};
+use std::f64::consts::FRAC_1_PI;
 
-/// From this many edges on a walk goes on with a probability equal to its throughput.
-const ROULETTE_DEPTH: u32 = 5;
+/// From this many edges on a walk from the camera or from a lamp goes on with a probability equal to its throughput.
+const ROULETTE_DEPTH: [u32; 2] = [5, 2];
 /// No walk goes on with a higher probability.
 const MOST_SURVIVAL: f64 = 0.95;
 /// Cosines are taken to be no smaller: densities stay finite.
@@ -35,7 +36,7 @@ pub struct Vertex {
     /// The point, seen from the vertex before it.
     pub si: SurfaceInteraction,
     /// From the camera: radiance there over radiance that leaves here. From a lamp: power on arrival over the arriving ray's geometric
-    /// cosine, which [`importance_response`] takes up.
+    /// cosine, which [`Vertex::scatter`] takes up.
     pub throughput: Rgb,
     /// Recursive sums: the way that would connect here, and all ways beyond.
     pub d_vcm: f64,
@@ -49,6 +50,55 @@ pub struct Vertex {
     pub by_ideal: bool,
     /// True if the first surface from the start was ideal.
     pub began_ideal: bool,
+    /// Reflectance of a plain Lambertian surface.
+    plain: Option<Rgb>,
+}
+
+/// What a vertex does with light between the vertex before it and a direction.
+#[derive(Debug, Clone, Copy)]
+pub struct Scattered {
+    /// f |cos| as the path tracer has it, from the camera's side; of a light walk times the ratio of geometric cosines that shading
+    /// normals leave aside ([Veach97], section 5.3).
+    pub response: Rgb,
+    /// Density with which the walk takes the direction [1/sr].
+    pub forward: f64,
+    /// Density with which a walk that comes from there goes back [1/sr].
+    pub reverse: f64,
+}
+
+impl Vertex {
+    /// The vertex's part in a path that goes on along the unit vector `toward`.
+    #[inline]
+    pub fn scatter(&self, world: &World, carried: Carried, toward: Vec3) -> Scattered {
+        let si = &self.si;
+        let dark = Scattered { response: Rgb::BLACK, forward: 0.0, reverse: 0.0 };
+        let (out, back) = (si.ng.dot(toward), si.ng.dot(si.wo));
+        let (cos_out, cos_in) = (f64::from(out.abs()), f64::from(back.abs()).max(LEAST_COSINE));
+        if let Some(rho) = self.plain {
+            if out <= 0.0 {
+                return dark;
+            }
+            // Seen from where it came, and from where it goes.
+            let forward = f64::from(si.shading_normal(si.wo).dot(toward)).max(0.0) * FRAC_1_PI;
+            let reverse = f64::from(si.shading_normal(toward).dot(si.wo)).max(0.0) * FRAC_1_PI;
+            let response = match carried {
+                Carried::Radiance => rho * forward,
+                Carried::Light => rho * (reverse * cos_out / cos_in),
+            };
+            return Scattered { response, forward, reverse };
+        }
+        let here = world.shading(si);
+        let turned = si.seen_from(toward);
+        let there = world.shading(&turned);
+        let response = match carried {
+            Carried::Radiance => here.eval(toward).total(),
+            Carried::Light => there.eval(si.wo).total() * (cos_out / cos_in),
+        };
+        if response.is_black() {
+            return dark;
+        }
+        Scattered { response, forward: here.pdf(toward), reverse: there.pdf(si.wo) }
+    }
 }
 
 /// Where a camera walk's last edge started, for light that it meets.
@@ -146,6 +196,7 @@ impl Walk<'_> {
                 scattered: edge.scattered,
                 by_ideal: edge.by_ideal,
                 began_ideal,
+                plain: shading.plain(),
             };
             if self.carried == Carried::Light && edge.edges == 1 {
                 begin(&mut vertex, &shading);
@@ -186,14 +237,12 @@ impl Walk<'_> {
                     began_ideal |= edge.edges == 1;
                 }
                 Some(density) => {
-                    let turned = si.seen_from(next.direction);
-                    let turned_shading = self.world.shading(&turned);
-                    let reverse = turned_shading.pdf(si.wo);
+                    let scattered = vertex.scatter(self.world, self.carried, next.direction);
                     throughput *= match self.carried {
                         Carried::Radiance => next.weight,
-                        Carried::Light => turned_shading.eval(si.wo).total() * (cos_out / (cos_in * density)),
+                        Carried::Light => scattered.response / density,
                     };
-                    edge.d_vc = mis(cos_out / density) * (vertex.d_vc * mis(reverse) + vertex.d_vcm);
+                    edge.d_vc = mis(cos_out / density) * (vertex.d_vc * mis(scattered.reverse) + vertex.d_vcm);
                     edge.d_vcm = mis(1.0 / density);
                     edge.scattered += 1;
                     let sampling = Shading::IN_PASSING;
@@ -207,7 +256,7 @@ impl Walk<'_> {
             if throughput.is_black() || !throughput.is_finite() {
                 return;
             }
-            if edge.edges > ROULETTE_DEPTH {
+            if edge.edges > ROULETTE_DEPTH[self.carried as usize] {
                 let scale = if self.carried == Carried::Radiance { eta * eta } else { 1.0 / first };
                 let survival = (throughput.max() * scale).min(MOST_SURVIVAL);
                 if f64::from(sampler.next_1d()) >= survival {
@@ -227,17 +276,6 @@ impl Walk<'_> {
             counts.truncate(edge.throughput);
         }
     }
-}
-
-/// How a vertex of a light walk passes light on towards the unit direction `toward`: f |cos| as the path tracer has it from that side, over
-/// the geometric cosines that shading normals leave aside ([Veach97], section 5.3), and the density of the way back [1/sr].
-#[inline]
-pub fn importance_response(world: &World, vertex: &Vertex, toward: Vec3) -> (Rgb, f64) {
-    let turned = vertex.si.seen_from(toward);
-    let shading = world.shading(&turned);
-    let cos = f64::from(vertex.si.ng.dot(toward).abs());
-    let cos_in = f64::from(vertex.si.ng.dot(vertex.si.wo).abs()).max(LEAST_COSINE);
-    (shading.eval(vertex.si.wo).total() * (cos / cos_in), shading.pdf(vertex.si.wo))
 }
 
 /// A light walk's start, and what makes its first vertex comparable with shadow rays.
