@@ -432,6 +432,7 @@ mod tests {
             ("render a.xml --gather-rays -1", "--gather-rays", "1 or more"),
             ("render a.xml --ambient -1", "--ambient", "0 or more"),
             ("render a.xml --photons 0", "--photons", "1 or more"),
+            ("render a.xml --ambient-divisions 0", "--ambient-divisions", "1 or more"),
             ("render a.xml --chains 0", "--chains", "1 or more"),
             ("render a.xml --large-steps 1.5", "--large-steps", "1 at most"),
             ("render a.xml --paths L(DE", "--paths", "regular expression"),

@@ -1,6 +1,6 @@
 //! Flags of single methods. A method that does not know a flag does not look at it.
 
-use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_share};
+use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_share, parse_whole};
 use twopass::integrator::PathFilter;
 use twopass::integrator::bidirectional::Heuristic;
 
@@ -16,6 +16,15 @@ pub struct MethodArgs {
     /// photon-map, sppm: photons of the first round, of each pass; default: one for each pixel
     #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
     pub photons: Option<u32>,
+    /// irradiance-cache: reflections between diffuse surfaces that are followed (Radiance's -ab); default: 6
+    #[arg(long, value_name = "N", value_parser = parse_whole::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
+    pub ambient_bounces: Option<u32>,
+    /// irradiance-cache: reach of a record over the mean distance that it sees, at first (-aa); default: 0.4
+    #[arg(long, value_name = "A", value_parser = parse_share, allow_hyphen_values = true, help_heading = "Single methods")]
+    pub ambient_accuracy: Option<f64>,
+    /// irradiance-cache: rays of a record, at first (-ad); default: 64
+    #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
+    pub ambient_divisions: Option<u32>,
     /// metropolis: chains of each half of the picture; default: 64
     #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
     pub chains: Option<u32>,

@@ -1,5 +1,6 @@
 //! The closed list of methods, and what is to be said of each.
 
+use super::ambient::{AmbientCaching, AmbientSettings};
 use super::bidirectional::{Bidirectional, Heuristic};
 use super::light_tracer::LightTracer;
 use super::metropolis::{Metropolis, MetropolisSettings};
@@ -31,6 +32,8 @@ pub enum Method {
     PhotonMap,
     /// Photons anew in each pass, on shrinking disks.
     Sppm,
+    /// Irradiance caching of bounce upon bounce, without a first pass.
+    IrradianceCache,
     /// Chains of paths.
     Metropolis,
 }
@@ -76,7 +79,7 @@ pub struct Row {
 
 impl Method {
     /// All methods, in the order of `--list-methods`.
-    pub const ALL: [Method; 10] = [
+    pub const ALL: [Method; 11] = [
         Method::TwoPass,
         Method::TwoPassWhitted,
         Method::WhittedOnly,
@@ -86,6 +89,7 @@ impl Method {
         Method::Bidirectional,
         Method::PhotonMap,
         Method::Sppm,
+        Method::IrradianceCache,
         Method::Metropolis,
     ];
 
@@ -172,6 +176,14 @@ impl Method {
                 "new photons in each pass, on disks that shrink; shadow rays",
                 "Hachisuka09, Knaus11",
             ),
+            Method::IrradianceCache => row(
+                "irradiance-cache",
+                "L(S|D)*E",
+                Biased,
+                false,
+                "irradiance gathered at few points, bounce upon bounce, no first pass: the way of Radiance",
+                "Ward88, Ward92",
+            ),
             Method::Metropolis => row(
                 "metropolis",
                 "L(S|D)*E",
@@ -195,6 +207,7 @@ impl Method {
             | Method::Bidirectional
             | Method::PhotonMap
             | Method::Sppm
+            | Method::IrradianceCache
             | Method::Metropolis => None,
         }
     }
@@ -218,7 +231,7 @@ impl Method {
         methods: &MethodSettings,
     ) -> Box<dyn Integrator + 'a> {
         let ambient = methods.ambient;
-        let whitted = |settings| Box::new(TwoPass { world, field, settings, cache: None, caustics: None, ambient });
+        let whitted = |settings| Box::new(TwoPass { world, field, settings, cache: None, caustics: None, ambient, below: None });
         match self {
             Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
             Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
@@ -228,6 +241,7 @@ impl Method {
             Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),
             Method::PhotonMap => Box::new(PhotonMapper::new(world, settings, methods.photons)),
             Method::Metropolis => Box::new(Metropolis::new(world, settings, methods.heuristic, methods.metropolis)),
+            Method::IrradianceCache => Box::new(AmbientCaching::new(world, settings, methods.ambient_cache)),
             Method::Sppm => Box::new(Sppm::new(world, settings, methods.photons)),
         }
     }
@@ -242,6 +256,8 @@ pub struct MethodSettings {
     pub heuristic: Heuristic,
     /// Of photon-map and sppm: photons that leave the lamps, in the first round and in each pass; `None`: one for each pixel.
     pub photons: Option<u32>,
+    /// Of irradiance-cache.
+    pub ambient_cache: AmbientSettings,
     /// Of metropolis.
     pub metropolis: MetropolisSettings,
     /// Of path: which light paths count; `None`: all.

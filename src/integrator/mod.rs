@@ -1,5 +1,6 @@
 //! Pass two: what a camera ray sees.
 
+pub mod ambient;
 pub mod bidirectional;
 mod branches;
 pub mod caustic_map;
@@ -26,7 +27,7 @@ use crate::radiosity::RadiosityField;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
 use caustic_map::CausticMap;
-use irradiance_cache::IrradianceCache;
+use irradiance_cache::{Below, IrradianceCache};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -165,4 +166,6 @@ pub struct TwoPass<'a> {
     pub caustics: Option<&'a CausticMap>,
     /// Irradiance over pi [W/(m² sr)] that stands for all light between surfaces where there is no field.
     pub ambient: f64,
+    /// What gather rays read instead of a field.
+    pub below: Option<Below<'a>>,
 }

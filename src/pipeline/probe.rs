@@ -64,6 +64,7 @@ impl Prober<'_> {
             cache: None,
             caustics: None,
             ambient: 0.0,
+            below: None,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points

@@ -8,7 +8,7 @@ use glam::DVec3;
 use support::{Room, furnace, quick, run};
 use twopass::geometry::tessellate::Triangles;
 use twopass::integrator::bidirectional::Heuristic;
-use twopass::integrator::{Method, MethodSettings};
+use twopass::integrator::{Method, MethodSettings, PathFilter};
 use twopass::light::Environment;
 use twopass::material::plastic::{Base, Plastic};
 use twopass::material::{Material, Texture};
@@ -192,5 +192,94 @@ fn walks_from_both_ends_agree_with_path_tracing() {
                 "{name}, {depth:?} edges: {both} from both ends, {path} from the camera, standard error {error}"
             );
         }
+    }
+}
+
+/// What only shadow rays and photons, chains or records bring agrees with the sum of the series too.
+#[test]
+fn other_methods_reach_the_radiance_of_the_furnace() {
+    for (method, spp, within) in [
+        (Method::PhotonMap, 16, 0.01),
+        (Method::PhotonMap, 256, 0.003),
+        (Method::Sppm, 64, 0.01),
+        (Method::Sppm, 1024, 0.003),
+        (Method::Metropolis, 1024, 0.01),
+    ] {
+        let methods = MethodSettings { photons: Some(4096), ..MethodSettings::default() };
+        let (got, error) = mean(&run(furnace(0.5).scene(), &RenderSettings { methods, ..settings(method, spp) }).film);
+        assert!((got / 2.0 - 1.0).abs() < within, "{method:?}, {spp} samples: {got}, expected 2 within {within}; error {error}");
+    }
+}
+
+/// Each bounce of records adds one reflection: 1 + rho + ... + rho^n with n of them, without noise.
+#[test]
+fn ambient_bounces_are_counted() {
+    for (rho, bounces) in [(0.5, 0), (0.5, 1), (0.5, 4), (0.9, 3)] {
+        let mut methods = MethodSettings::default();
+        methods.ambient_cache.bounces = bounces;
+        let film = run(furnace(rho).scene(), &RenderSettings { methods, ..settings(Method::IrradianceCache, 4) }).film;
+        // Lamps as large as these are found by gather rays; without any, one ray of each sample looks for them.
+        let want: f64 = (0..=bounces.max(1) as i32).map(|k| rho.powi(k)).sum();
+        for got in greens(&film.image()) {
+            assert!((got / want - 1.0).abs() < 1e-3, "rho {rho}, {bounces} bounces: {got}, expected {want}");
+        }
+    }
+}
+
+/// The same paths, asked for by their letters.
+#[test]
+fn paths_are_chosen_by_their_letters() {
+    for (text, want) in [("LE", 1.0), ("LDE", 0.5), ("LDDE", 0.25), ("LD{2,3}E", 0.375), ("LS+DE", 0.0), ("L(S|D)*E", 1.875)] {
+        let paths = Some(PathFilter::new(text).expect("well formed"));
+        let methods = MethodSettings { paths, ..MethodSettings::default() };
+        let settings = RenderSettings { methods, max_depth: Some(Some(4)), ..settings(Method::Path, 2) };
+        for got in greens(&run(furnace(0.5).scene(), &settings).film.image()) {
+            assert!((got - want).abs() < 1e-6, "{text}: {got}, expected {want}");
+        }
+    }
+}
+
+/// What the table says that a method carries is what it brings, no more and no less.
+#[test]
+fn incomplete_methods_carry_what_their_rows_say() {
+    let mut room = Room::new(DVec3::new(0.1, 0.2, -0.95), DVec3::new(0.0, -0.2, 1.0), 24);
+    let (grey, mirror) = (room.grey(0.7), room.mirror(0.9));
+    room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [grey, mirror, grey, grey, grey, grey], [0.0; 6]);
+    room.quad(DVec3::new(-0.3, 0.95, -0.3), DVec3::X * 0.6, DVec3::Z * 0.6, grey, 5.0);
+    room.sphere(DVec3::new(-0.4, -0.6, 0.3), 0.3, mirror, 0.0);
+    for (method, spp, bias) in [(Method::WhittedOnly, 32, 0.0), (Method::Light, 256, 0.0), (Method::Radiosity, 16, 0.01)] {
+        let (got, e1) = mean(&run(room.scene(), &settings(method, spp)).film);
+        let by_paths = |text: &str| {
+            let paths = Some(PathFilter::new(text).expect("well formed"));
+            let methods = MethodSettings { paths, ..MethodSettings::default() };
+            mean(&run(room.scene(), &RenderSettings { methods, ..settings(Method::Path, 512) }).film)
+        };
+        let text = method.row().paths;
+        let ((want, e2), (whole, _)) = (by_paths(text), by_paths("L(S|D)*E"));
+        let error = e1.hypot(e2);
+        assert!(
+            (got - want).abs() < 4.0 * error + bias * want && error < 0.01 * want,
+            "{method:?}: {got}, paths {text} bring {want}, standard error {error}"
+        );
+        assert!(want < 0.95 * whole, "{text} leaves something out: {want} of {whole}");
+    }
+}
+
+/// Photons and chains in a furnished room, against path tracing.
+#[test]
+fn photons_and_chains_agree_with_path_tracing() {
+    let mut room = furnished(false);
+    let black = room.grey(0.0);
+    room.quad(DVec3::new(-0.3, 0.95, -0.3), DVec3::X * 0.6, DVec3::Z * 0.6, black, 5.0);
+    let (path, e1) = mean(&run(room.scene(), &settings(Method::Path, 1024)).film);
+    for (method, spp, within) in [
+        (Method::Sppm, 256, 0.02),
+        (Method::PhotonMap, 64, 0.03),
+        (Method::IrradianceCache, 64, 0.03),
+        (Method::Metropolis, 512, 0.03),
+    ] {
+        let methods = MethodSettings { photons: Some(8192), ..MethodSettings::default() };
+        let (got, _) = mean(&run(room.scene(), &RenderSettings { methods, ..settings(method, spp) }).film);
+        assert!((got - path).abs() < 4.0 * e1 + within * path, "{method:?}: {got}, by path tracing {path}, standard error {e1}");
     }
 }

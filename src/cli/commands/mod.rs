@@ -59,6 +59,10 @@ fn method_settings(args: &MethodArgs) -> MethodSettings {
     let mut settings = MethodSettings::default();
     settings.ambient = args.ambient.unwrap_or(settings.ambient);
     settings.photons = args.photons;
+    let ambient = &mut settings.ambient_cache;
+    ambient.bounces = args.ambient_bounces.unwrap_or(ambient.bounces);
+    ambient.accuracy = args.ambient_accuracy.unwrap_or(ambient.accuracy);
+    ambient.divisions = args.ambient_divisions.unwrap_or(ambient.divisions);
     settings.metropolis.chains = args.chains.unwrap_or(settings.metropolis.chains);
     settings.metropolis.large_steps = args.large_steps.unwrap_or(settings.metropolis.large_steps);
     settings.paths.clone_from(&args.paths);

@@ -135,6 +135,9 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set(run_report, "gather_rays", settings.gather_rays);
     report::set(run_report, "ambient", args.methods.ambient);
     report::set(run_report, "photons", args.methods.photons);
+    report::set(run_report, "ambient_bounces", args.methods.ambient_bounces);
+    report::set(run_report, "ambient_accuracy", args.methods.ambient_accuracy);
+    report::set(run_report, "ambient_divisions", args.methods.ambient_divisions);
     report::set(run_report, "chains", args.methods.chains);
     report::set(run_report, "large_steps", args.methods.large_steps);
     report::set(run_report, "paths", args.methods.paths.as_ref().map(|p| p.text().to_owned()));
