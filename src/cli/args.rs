@@ -188,7 +188,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub pass_two: PassTwoArgs,
     #[command(flatten)]
-    pub methods: MethodArgs,
+    pub methods: Box<MethodArgs>,
     #[command(flatten)]
     pub pass_one: PassOneArgs,
     /// Size of the picture in pixels; default: the scene's

@@ -72,7 +72,15 @@ pub struct Metropolis<'a> {
     halves: [Option<Half>; 2],
 }
 
-/// Seeds of the three streams of a step.
+/// What a chain does in one pass.
+struct Stretch {
+    /// Mean brightness of independent states, as known so far.
+    mean: f64,
+    seed: u64,
+    steps: std::ops::Range<u64>,
+}
+
+/// The three streams of a step.
 fn streams(numbers: &[Arc<[f32]>; 3], change: Change, seed: u64) -> [Proposal; 3] {
     [0, 1, 2].map(|i| Proposal { present: Arc::clone(&numbers[i]), change, seed: mix(seed ^ mix(i as u64 + 1)) })
 }
@@ -217,24 +225,22 @@ impl<'a> Metropolis<'a> {
         &self,
         frame: &Frame,
         state: &mut State,
-        mean: f64,
-        seed: u64,
-        steps: std::ops::Range<u64>,
+        stretch: &Stretch,
         splats: &mut Splats<'_>,
         counts: &mut RayCounts,
     ) -> (f64, u64) {
         let large = self.chains.large_steps;
         let mut add = |light: &[Light], brightness: f64, weight: f64| {
             if weight > 0.0 && brightness > 0.0 {
-                let scale = weight / (brightness / mean + large);
+                let scale = weight / (brightness / stretch.mean + large);
                 light.iter().for_each(|(point, layer, radiance)| splats.add(*point, *layer, *radiance * scale));
             }
         };
         let (mut sum, mut n) = (0.0, 0);
         // What the present state has gathered since it was accepted.
         let mut waiting = 0.0;
-        for step in steps {
-            let seed = mix(seed ^ mix(step));
+        for step in stretch.steps.clone() {
+            let seed = mix(stretch.seed ^ mix(step));
             let mut decide = Sampler::of(crate::math::SamplerKind::Independent, seed, 0, 0);
             let is_large = f64::from(decide.next_1d()) < large;
             let proposal = streams(&state.numbers, if is_large { Change::Large } else { Change::Small }, seed);
@@ -297,8 +303,8 @@ impl Integrator for Metropolis<'_> {
                 .enumerate()
                 .map(|(k, state)| {
                     let (mut splats, mut counts) = (Splats::new(frame), RayCounts::default());
-                    let seed = mix(seed ^ mix(k as u64));
-                    let large = self.run(frame, state, mean, seed, steps.clone(), &mut splats, &mut counts);
+                    let stretch = Stretch { mean, seed: mix(seed ^ mix(k as u64)), steps: steps.clone() };
+                    let large = self.run(frame, state, &stretch, &mut splats, &mut counts);
                     (splats, counts, large)
                 })
                 .collect();

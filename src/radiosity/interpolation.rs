@@ -38,8 +38,8 @@ impl Interpolation {
         let cell = |p: Vec3| (p / reach).floor().as_ivec3().to_array();
         let mut cells: HashMap<([i32; 3], usize), Vec<u32>> = HashMap::new();
         let shapes: Vec<usize> = (0..patches.len()).map(|i| patches.shape_of(world, i)).collect();
-        for i in 0..patches.len() {
-            cells.entry((cell(patches.centroid[i]), shapes[i])).or_default().push(i as u32);
+        for (i, (centroid, shape)) in patches.centroid.iter().zip(&shapes).enumerate() {
+            cells.entry((cell(*centroid), *shape)).or_default().push(i as u32);
         }
         let above = |i: usize| patches.centroid[i] + patches.normal[i] * (HEIGHT * size);
         let together = |i: usize, j: usize| {

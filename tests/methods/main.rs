@@ -61,8 +61,7 @@ fn radiosity_alone_ends_at_mirrors() {
     let seen = |method| {
         let film = run(room.scene(), &settings(method, 2)).film;
         // Where the lamp is not seen itself.
-        let off_lamp = greens(&film.image()).filter(|v| *v < 5.0).fold(0.0, f64::max);
-        off_lamp
+        greens(&film.image()).filter(|v| *v < 5.0).fold(0.0, f64::max)
     };
     assert!(seen(Method::TwoPass) > 0.0, "by the mirror light comes to the floor");
     assert_eq!(seen(Method::Radiosity), 0.0, "without the mirror none does");
@@ -198,15 +197,17 @@ fn walks_from_both_ends_agree_with_path_tracing() {
 /// What only shadow rays and photons, chains or records bring agrees with the sum of the series too.
 #[test]
 fn other_methods_reach_the_radiance_of_the_furnace() {
-    for (method, spp, within) in [
-        (Method::PhotonMap, 16, 0.01),
-        (Method::PhotonMap, 256, 0.003),
-        (Method::Sppm, 64, 0.01),
-        (Method::Sppm, 1024, 0.003),
-        (Method::Metropolis, 1024, 0.01),
+    // Disks of photons lose what lies around a corner: 0.21 of a radius along each edge in the mean.
+    for (method, side, spp, within) in [
+        (Method::PhotonMap, 16, 16, 0.01),
+        (Method::PhotonMap, 16, 256, 0.003),
+        (Method::Sppm, 96, 16, 0.01),
+        (Method::Sppm, 96, 256, 0.005),
+        (Method::Metropolis, 16, 1024, 0.01),
     ] {
         let methods = MethodSettings { photons: Some(4096), ..MethodSettings::default() };
-        let (got, error) = mean(&run(furnace(0.5).scene(), &RenderSettings { methods, ..settings(method, spp) }).film);
+        let settings = RenderSettings { methods, size: Some((side, side)), ..settings(method, spp) };
+        let (got, error) = mean(&run(furnace(0.5).scene(), &settings).film);
         assert!((got / 2.0 - 1.0).abs() < within, "{method:?}, {spp} samples: {got}, expected 2 within {within}; error {error}");
     }
 }
@@ -272,14 +273,15 @@ fn photons_and_chains_agree_with_path_tracing() {
     let black = room.grey(0.0);
     room.quad(DVec3::new(-0.3, 0.95, -0.3), DVec3::X * 0.6, DVec3::Z * 0.6, black, 5.0);
     let (path, e1) = mean(&run(room.scene(), &settings(Method::Path, 1024)).film);
-    for (method, spp, within) in [
-        (Method::Sppm, 256, 0.02),
-        (Method::PhotonMap, 64, 0.03),
-        (Method::IrradianceCache, 64, 0.03),
-        (Method::Metropolis, 512, 0.03),
+    for (method, side, spp, within) in [
+        (Method::Sppm, 96, 32, 0.01),
+        (Method::PhotonMap, 16, 64, 0.03),
+        (Method::IrradianceCache, 32, 16, 0.03),
+        (Method::Metropolis, 16, 512, 0.03),
     ] {
         let methods = MethodSettings { photons: Some(8192), ..MethodSettings::default() };
-        let (got, _) = mean(&run(room.scene(), &RenderSettings { methods, ..settings(method, spp) }).film);
+        let settings = RenderSettings { methods, size: Some((side, side)), ..settings(method, spp) };
+        let (got, _) = mean(&run(room.scene(), &settings).film);
         assert!((got - path).abs() < 4.0 * e1 + within * path, "{method:?}: {got}, by path tracing {path}, standard error {e1}");
     }
 }

@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 /// Rate at which disks shrink: [Hachisuka09]'s value.
 const ALPHA: f64 = 2.0 / 3.0;
 /// Radius of the first pass, in pixels as seen at the mean distance.
-const FIRST_RADIUS: f64 = 3.0;
+const FIRST_RADIUS: f64 = 2.0;
 /// Camera rays a side that measure the distance.
 const PROBES: usize = 16;
 /// No path is longer, whatever the scene asks.
