@@ -28,7 +28,7 @@ pub struct MethodArgs {
     /// metropolis: chains of each half of the picture; default: 64
     #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
     pub chains: Option<u32>,
-    /// metropolis: probability of a large step; default: 0.3
+    /// metropolis: probability of a large step; default: 0.1
     #[arg(long, value_name = "P", value_parser = parse_share, allow_hyphen_values = true, help_heading = "Single methods")]
     pub large_steps: Option<f64>,
     /// path: only light paths that match, such as LS+DE: L lamp, D diffuse or rough, S ideal mirror or glass, E eye

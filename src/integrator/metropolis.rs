@@ -37,9 +37,9 @@ pub struct MetropolisSettings {
 }
 
 impl Default for MetropolisSettings {
-    /// 64 chains keep 64 threads busy; a large step of three tries is [Kelemen02]'s middle value.
+    /// 64 chains keep 64 threads busy. In door-ajar one large step of ten left half the error of three of ten in the same time.
     fn default() -> Self {
-        Self { chains: 64, large_steps: 0.3 }
+        Self { chains: 64, large_steps: 0.1 }
     }
 }
 

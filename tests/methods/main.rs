@@ -201,8 +201,8 @@ fn other_methods_reach_the_radiance_of_the_furnace() {
     for (method, side, spp, within) in [
         (Method::PhotonMap, 16, 16, 0.01),
         (Method::PhotonMap, 16, 256, 0.003),
-        (Method::Sppm, 96, 16, 0.01),
-        (Method::Sppm, 96, 256, 0.005),
+        (Method::Sppm, 192, 4, 0.01),
+        (Method::Sppm, 192, 64, 0.005),
         (Method::Metropolis, 16, 1024, 0.01),
     ] {
         let methods = MethodSettings { photons: Some(4096), ..MethodSettings::default() };
