@@ -285,3 +285,29 @@ fn photons_and_chains_agree_with_path_tracing() {
         assert!((got - path).abs() < 4.0 * e1 + within * path, "{method:?}: {got}, by path tracing {path}, standard error {e1}");
     }
 }
+
+/// Normals that are not those of the face: what a particle brings is what a camera path finds, by the cosines that the two leave aside.
+#[test]
+fn particles_know_bent_normals() {
+    let mut room = Room::new(DVec3::new(0.8, 1.2, -1.2), DVec3::new(0.0, 0.0, 0.1), 16);
+    let grey = room.grey(0.8);
+    let corner = |x: f64, z: f64| DVec3::new(x, 0.0, z);
+    let floor = Triangles {
+        positions: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+        normals: vec![DVec3::new(0.6, 0.8, 0.0).as_vec3(); 4],
+        uvs: Vec::new(),
+        triangles: vec![[0, 2, 1], [0, 3, 2]],
+    };
+    room.add(SurfaceSource::Triangles(floor), grey, 0.0);
+    room.quad(DVec3::new(-0.9, 1.0, -0.2), DVec3::X * 0.4, DVec3::Z * 0.4, grey, 5.0);
+    let of = |method, spp| mean(&run(room.scene(), &RenderSettings { max_depth: Some(Some(2)), ..settings(method, spp) }).film);
+    let (path, e1) = of(Method::Path, 256);
+    for method in [Method::Light, Method::Bidirectional] {
+        let (got, e2) = of(method, 256);
+        let error = e1.hypot(e2);
+        assert!(
+            (got - path).abs() < 4.0 * error && error < 0.02 * path,
+            "{method:?}: {got}, by path tracing {path}, standard error {error}"
+        );
+    }
+}
