@@ -7,6 +7,7 @@ mod form_factors;
 
 pub use form_factors::{FormFactorsArgs, GroupingName};
 
+use super::method_args::MethodArgs;
 use super::values::{
     Crop, Define, Depth, Size, parse_bytes, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_light,
     parse_method, parse_positive, parse_read_out, parse_sampler, parse_solver, parse_whole,
@@ -194,6 +195,8 @@ pub struct RenderArgs {
     pub list_methods: bool,
     #[command(flatten)]
     pub pass_two: PassTwoArgs,
+    #[command(flatten)]
+    pub methods: Box<MethodArgs>,
     #[command(flatten)]
     pub pass_one: PassOneArgs,
     /// Size of the picture in pixels; default: the scene's
@@ -424,6 +427,13 @@ mod tests {
         for (line, flag, expected) in [
             ("render a.xml --spp -3", "--spp", "1 or more"),
             ("render a.xml --gather-rays -1", "--gather-rays", "1 or more"),
+            ("render a.xml --ambient -1", "--ambient", "0 or more"),
+            ("render a.xml --photons 0", "--photons", "1 or more"),
+            ("render a.xml --ambient-divisions 0", "--ambient-divisions", "1 or more"),
+            ("render a.xml --chains 0", "--chains", "1 or more"),
+            ("render a.xml --large-steps 1.5", "--large-steps", "1 at most"),
+            ("render a.xml --paths L(DE", "--paths", "regular expression"),
+            ("render a.xml --paths LXE", "--paths", "no letter"),
             ("render a.xml --threads -1", "--threads", "0 or more"),
             ("render a.xml --seed -1", "--seed", "0 or more"),
             ("render a.xml --time -1", "--time", "above 0"),

@@ -137,7 +137,10 @@ impl Failure {
                 PipelineError::Accel(AccelError::TooManyPrimitives { .. })
                 | PipelineError::Patch(_)
                 | PipelineError::Memory { .. } => LIMIT,
-                PipelineError::Accel(_) | PipelineError::Crop(..) | PipelineError::NoFirstPass(_) => USAGE,
+                PipelineError::Accel(_)
+                | PipelineError::Crop(..)
+                | PipelineError::NoFirstPass(_)
+                | PipelineError::OneReadOut(_) => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Stopped => INTERNAL,
             },

@@ -5,6 +5,7 @@ mod commands;
 mod exit;
 mod header;
 mod interrupt;
+mod method_args;
 mod output;
 mod progress;
 mod report;

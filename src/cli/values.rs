@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 use twopass::form_factor::FormFactorMethod;
+use twopass::integrator::bidirectional::Heuristic;
 use twopass::integrator::{Method, ReadOut};
 use twopass::math::{Rgb, SamplerKind};
 use twopass::pipeline::LampWeight;
@@ -86,6 +87,16 @@ pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())
 }
 
+/// Parses a number above 0 and up to 1.
+pub fn parse_share(text: &str) -> Result<f64, String> {
+    parse_positive(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "expected a number above 0, 1 at most".to_owned())
+}
+
+/// Parses a finite number of 0 or more.
+pub fn parse_from_zero(text: &str) -> Result<f64, String> {
+    parse_finite(text).ok().filter(|v| *v >= 0.0).ok_or_else(|| "expected a number of 0 or more".to_owned())
+}
+
 /// Parses a finite number.
 pub fn parse_finite(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
@@ -158,6 +169,11 @@ pub fn parse_light(text: &str) -> Result<LampWeight, String> {
         _ => return Err(expected()),
     };
     Ok(LampWeight { name: name.to_owned(), factor })
+}
+
+/// Parses the name of a heuristic.
+pub fn parse_heuristic(text: &str) -> Result<Heuristic, String> {
+    Heuristic::ALL.into_iter().find(|h| h.name() == text).ok_or_else(|| "expected power or balance".to_owned())
 }
 
 /// Name of a read-out, as it is typed.
@@ -234,6 +250,6 @@ mod tests {
             assert_eq!(parse_solver(solver.name()), Ok(solver));
         }
         assert!(parse_solver("magic").unwrap_err().contains("bicgstab"));
-        assert!(parse_method("metropolis").unwrap_err().contains("two-pass-whitted"));
+        assert!(parse_method("magic").unwrap_err().contains("two-pass-whitted"));
     }
 }

@@ -42,7 +42,10 @@ mod tests {
     use super::*;
 
     fn of(method: FormFactorMethod, patches: f64) -> f64 {
-        predicted(patches, &FormFactorSettings { method, tolerance: method.default_tolerance(), shadow_rays: 32.0, seed: 0 })
+        predicted(
+            patches,
+            &FormFactorSettings { method, tolerance: method.default_tolerance(), shadow_rays: 32.0, extended: true, seed: 0 },
+        )
     }
 
     /// What is dense grows with the square of the patches, links with their number: 1e5 patches in 1 GiB, 1e6 in a tenth of what rows need.

@@ -66,6 +66,8 @@ pub struct FormFactorSettings {
     pub tolerance: f64,
     /// Shadow rays that a patch of the full size sends: light that both kinds of rays find is shared in proportion.
     pub shadow_rays: f64,
+    /// By way of mirrors, glass and gloss as well (extended form factors, [Sillion89]).
+    pub extended: bool,
     /// Seed of all rays.
     pub seed: u64,
 }
@@ -95,7 +97,8 @@ impl FormFactorSettings {
     }
 
     fn links(&self) -> HierarchySettings {
-        HierarchySettings::for_tolerance(self.tolerance, self.shadow_rays, self.seed)
+        let links = HierarchySettings::for_tolerance(self.tolerance, self.shadow_rays, self.seed);
+        HierarchySettings { max_events: if self.extended { links.max_events } else { 0 }, ..links }
     }
 
     /// The rays cast beside the method, or as the method: for what is seen by way of mirrors, glass and gloss, and outside.
@@ -105,7 +108,8 @@ impl FormFactorSettings {
             _ if needs_rays(world) => (22.1 * self.tolerance).clamp(0.005, FormFactorMethod::RayCast.default_tolerance()),
             _ => OPENNESS,
         };
-        RayCastSettings::for_tolerance(tolerance, self.shadow_rays, self.seed)
+        let rays = RayCastSettings::for_tolerance(tolerance, self.shadow_rays, self.seed);
+        RayCastSettings { max_events: if self.extended { rays.max_events } else { 0 }, ..rays }
     }
 }
 

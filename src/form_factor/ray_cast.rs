@@ -22,7 +22,7 @@ const BATCH: usize = 1024;
 pub struct RayCastSettings {
     /// Rays of a patch of the full patch size; smaller ones cast fewer, in proportion to their area, but no less than an eighth.
     pub rays: u32,
-    /// Longest chain of specular events.
+    /// Longest chain of specular events; 0: classic form factors, which carry light between diffuse surfaces alone.
     pub max_events: u32,
     /// Number of these rays for each shadow ray that a patch sends: light that both find is shared in proportion.
     pub rays_beside_shadow_rays: f64,
@@ -116,7 +116,9 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
                     found += throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
                 }
             }
-            Event::Lit { radiance, .. } => found += radiance,
+            // Gloss is an event like any other, though its light comes by a shadow ray.
+            Event::Lit { radiance, .. } if settings.max_events > 0 => found += radiance,
+            Event::Lit { .. } => {}
             Event::Escaped { direction, throughput, share, .. } => {
                 escaped += throughput;
                 found += throughput * world.scene().escaped_radiance(direction) * share;

@@ -96,6 +96,7 @@ impl TwoPass<'_> {
     ) -> Gathered {
         let mut distance = f32::INFINITY;
         let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;
+        let mut to_light: Vec<(SurfaceInteraction, Rgb)> = Vec::new();
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
@@ -122,6 +123,8 @@ impl TwoPass<'_> {
                             reflected += RadiosityField::reflected_radiance(throughput * rho, stored.irradiance);
                         }
                     }
+                } else if self.below.is_some() && shading.has_diffuse() && depth + through + 3 <= limit {
+                    to_light.push((*at, throughput));
                 }
             }
             Event::Lit { radiance, through } => {
@@ -137,7 +140,24 @@ impl TwoPass<'_> {
         if let Some((si, throughput, through)) = near {
             reflected += throughput * self.near(&si, depth + through + 1, levels - 1, sampler, counts);
         }
+        for (si, throughput) in to_light {
+            reflected += throughput * self.lit(&si, sampler, counts);
+        }
         Gathered { reflected, emitted, distance }
+    }
+
+    /// Radiance that the diffuse part at `si` reflects, by one shadow ray and the records of the bounce before.
+    fn lit(&self, si: &SurfaceInteraction, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
+        let shading = self.world.shading(si);
+        // As many gather rays as the records took to be beside shadow rays.
+        let rays = f64::from(self.settings.gather_rays);
+        let respond = |ray: &ShadowRay| {
+            let share = ray.share_beside_gather_rays(rays, ray.direction.dot(shading.normal()));
+            Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
+        };
+        let direct = self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        let stored = self.below.map_or(Rgb::BLACK, |below| below.irradiance(si, shading.normal()));
+        direct + RadiosityField::reflected_radiance(shading.diffuse_reflectance(), stored)
     }
 
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and one gather ray.

@@ -1,12 +1,24 @@
 //! Pass two: what a camera ray sees.
 
+pub mod ambient;
+pub mod bidirectional;
 mod branches;
 pub mod caustic_map;
 pub mod drive;
 pub mod final_gather;
 pub mod irradiance_cache;
+pub mod light_tracer;
+pub mod method;
+pub mod metropolis;
 pub mod path;
+mod path_filter;
+pub mod photon;
+pub mod radiosity_view;
+mod splat;
 pub mod whitted;
+
+pub use method::{Method, MethodSettings};
+pub use path_filter::PathFilter;
 
 use crate::film::PixelSample;
 use crate::geometry::Ray;
@@ -15,7 +27,7 @@ use crate::radiosity::RadiosityField;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
 use caustic_map::CausticMap;
-use irradiance_cache::IrradianceCache;
+use irradiance_cache::{Below, IrradianceCache};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -31,69 +43,6 @@ pub enum ReadOut {
     FinalGather,
     /// As final gather, but gathered at few points and read between them where that will do; finer and finer, as is pass one.
     Progressive,
-}
-
-/// The closed list of methods.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// Both passes, final gather (the default).
-    TwoPass,
-    /// Both passes as in the classic papers: Whitted's recursion, shadow rays, stored radiosity.
-    TwoPassWhitted,
-    /// Path tracing: no first pass.
-    Path,
-}
-
-impl Method {
-    /// All methods, in the order of `--list-methods`.
-    pub const ALL: [Method; 3] = [Method::TwoPass, Method::TwoPassWhitted, Method::Path];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Method::TwoPass => "two-pass",
-            Method::TwoPassWhitted => "two-pass-whitted",
-            Method::Path => "path",
-        }
-    }
-
-    /// Light paths carried, in Heckbert's notation, and what is to be said of its error.
-    pub fn describe(self) -> &'static str {
-        match self {
-            Method::TwoPass => {
-                "L(S|D)*E; radiosity, then shadow rays and an irradiance cache that gathers it; both refined as time passes"
-            }
-            Method::TwoPassWhitted => {
-                "L(S|D)*E; radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches"
-            }
-            Method::Path => {
-                "L(S|D)*E; one random path a sample, no first pass; no bias, only noise; poor at caustics of small lamps"
-            }
-        }
-    }
-
-    /// The read-out it uses unless told otherwise; `None` if it has no first pass to read.
-    pub fn read_out(self) -> Option<ReadOut> {
-        match self {
-            Method::TwoPass => Some(ReadOut::Progressive),
-            Method::TwoPassWhitted => Some(ReadOut::DirectStored),
-            Method::Path => None,
-        }
-    }
-
-    /// The method at work on a scene. `field` is there if the method reads one and some path is long enough to need it.
-    pub fn integrator<'a>(
-        self,
-        world: &'a World,
-        field: Option<&'a RadiosityField>,
-        settings: IntegratorSettings,
-    ) -> Box<dyn Integrator + 'a> {
-        match self {
-            Method::TwoPass | Method::TwoPassWhitted => Box::new(TwoPass { world, field, settings, cache: None, caustics: None }),
-            Method::Path => Box::new(path::PathTracer { world, settings }),
-        }
-    }
 }
 
 /// What pass two needs to know besides the scene.
@@ -161,9 +110,21 @@ struct Start {
     index: u64,
 }
 
-/// Pass `pass` over all pixels of `frame`: one camera sample each, traced by `trace`.
+/// Where the sample of pass `pass` of rendered pixel `pixel` starts.
 ///
 /// The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
+fn camera_start(world: &World, settings: &IntegratorSettings, frame: &Frame, pass: u32, pixel: usize) -> Start {
+    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
+    let index = u64::from(pass / 2);
+    let (x, y) = frame.pixel(pixel);
+    let key = (y * frame.width + x) as u64;
+    let mut sampler = Sampler::of(settings.sampler, seed, key, index);
+    let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
+    let ray = world.scene().camera.ray(film_point, frame.width, frame.height);
+    Start { ray, sampler, seed, key, index }
+}
+
+/// Pass `pass` over all pixels of `frame`: one camera sample each, traced by `trace`.
 fn each_pixel(
     world: &World,
     settings: &IntegratorSettings,
@@ -171,17 +132,6 @@ fn each_pixel(
     pass: u32,
     trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
 ) -> (Vec<PixelSample>, RayCounts) {
-    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
-    let index = u64::from(pass / 2);
-    let camera = &world.scene().camera;
-    let start = |pixel: usize| {
-        let (x, y) = frame.pixel(pixel);
-        let key = (y * frame.width + x) as u64;
-        let mut sampler = Sampler::of(settings.sampler, seed, key, index);
-        let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-        let ray = camera.ray(film_point, frame.width, frame.height);
-        Start { ray, sampler, seed, key, index }
-    };
     let mut samples = vec![PixelSample::default(); frame.n_pixels()];
     let row = frame.crop[2].max(1);
     let counts = samples
@@ -191,7 +141,7 @@ fn each_pixel(
             let mut counts = RayCounts::default();
             for (x, sample) in samples.iter_mut().enumerate() {
                 counts.camera += 1;
-                *sample = trace(start(y * row + x), &mut counts);
+                *sample = trace(camera_start(world, settings, frame, pass, y * row + x), &mut counts);
             }
             counts
         })
@@ -214,4 +164,8 @@ pub struct TwoPass<'a> {
     pub cache: Option<&'a IrradianceCache>,
     /// Light of lamps through mirrors and glass; gather rays leave it out then.
     pub caustics: Option<&'a CausticMap>,
+    /// Irradiance over pi [W/(m² sr)] that stands for all light between surfaces where there is no field.
+    pub ambient: f64,
+    /// What gather rays read instead of a field.
+    pub below: Option<Below<'a>>,
 }

@@ -3,7 +3,7 @@
 //! The baseline that the two-pass methods are measured against: the same rays, materials and lights. At each surface one
 //! shadow ray (more for suns and surroundings) and one ray of the material share the light that both can find [Veach95].
 
-use super::{Frame, Integrator, IntegratorSettings};
+use super::{Frame, Integrator, IntegratorSettings, PathFilter};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::material::Scattering;
@@ -28,6 +28,8 @@ pub struct PathTracer<'a> {
     pub world: &'a World,
     /// Settings; of the read-out and the gather rays it makes no use.
     pub settings: IntegratorSettings,
+    /// Which paths count; `None`: all.
+    pub filter: Option<PathFilter>,
 }
 
 impl Integrator for PathTracer<'_> {
@@ -51,14 +53,19 @@ impl PathTracer<'_> {
         let mut sight = Sight::Alone;
         // Surfaces so far that were not ideal mirrors, glass or holes.
         let mut scattered = 0;
+        // Their letters, if somebody asks.
+        let mut word: Vec<u8> = Vec::new();
+        let counts_as = |word: &[u8]| self.filter.as_ref().is_none_or(|filter| filter.has(word));
         for depth in 0.. {
             if depth >= limit {
                 counts.truncate(throughput);
                 break;
             }
             let Some(si) = self.world.intersect(&ray) else {
-                let share = self.world.escape_share(&sight, ray.direction);
-                *sample.layer(layer_of(scattered, &sight)) += throughput * scene.escaped_radiance(ray.direction) * share;
+                if counts_as(&word) {
+                    let share = self.world.escape_share(&sight, ray.direction);
+                    *sample.layer(layer_of(scattered, &sight)) += throughput * scene.escaped_radiance(ray.direction) * share;
+                }
                 break;
             };
             let shape = &scene.shapes[si.shape as usize];
@@ -66,7 +73,7 @@ impl PathTracer<'_> {
                 *sample.layer(Quantity::Depth) += Rgb::grey(f64::from(si.t));
                 *sample.layer(Quantity::Normal) += Rgb::from(si.ns.to_array());
             }
-            if si.front && shape.emits() {
+            if si.front && shape.emits() && counts_as(&word) {
                 let share = self.world.emission_share(&sight, ray.direction, &si);
                 *sample.layer(layer_of(scattered, &sight)) += throughput * shape.emitted(si.uv) * share;
             }
@@ -76,7 +83,10 @@ impl PathTracer<'_> {
             }
             if depth + 2 <= limit && (shading.has_diffuse() || shading.has_glossy()) {
                 let layer = if scattered == 0 { Quantity::Direct } else { Quantity::Indirect };
-                *sample.layer(layer) += throughput * self.direct(&si, &shading, sampler, counts);
+                let found = self.direct(&si, &shading, sampler, counts);
+                if self.filter.is_none() || counts_as(&[&word[..], b"D"].concat()) {
+                    *sample.layer(layer) += throughput * found;
+                }
             }
             let u = sampler.next_2d();
             let choice = if shading.material.needs_choice() { sampler.next_1d() } else { 0.0 };
@@ -92,6 +102,9 @@ impl PathTracer<'_> {
             }
             if next.density.is_some() {
                 scattered += 1;
+            }
+            if self.filter.is_some() && !next.straight {
+                word.push(if next.density.is_some() { b'D' } else { b'S' });
             }
             sight = match next.density {
                 Some(density) => {

@@ -1,12 +1,12 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
 use super::irradiance_cache::{Gap, IrradianceCache};
-use super::{Frame, Integrator, ReadOut, TwoPass, branches};
+use super::{Frame as FilmFrame, Integrator, ReadOut, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
-use crate::math::{Rgb, Sampler, sampler::mix};
+use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
 use crate::radiosity::RadiosityField;
-use crate::world::sight::balance;
+use crate::world::sight::{balance, cosine_density};
 use crate::world::walk::RayCounts;
 use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
 
@@ -61,7 +61,7 @@ impl<'a> Trace<'a> {
 }
 
 impl Integrator for TwoPass<'_> {
-    fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
+    fn pass(&mut self, frame: &FilmFrame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
             let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
             self.radiance(&start.ray, Path::START, &mut trace);
@@ -171,7 +171,42 @@ impl TwoPass<'_> {
                 None => self.gather(si, shading, weight, depth, gather_rays, trace),
             },
             (_, Some(field)) => *trace.sample.layer(Quantity::Indirect) += reflect(field.rest_irradiance(si)),
-            (_, None) => {}
+            (_, None) => {
+                *trace.sample.layer(Quantity::Indirect) += weight_rho * self.ambient;
+                if self.world.partition().leaves_some() {
+                    let seen = self.seen_by_chance(si, shading, trace);
+                    *trace.sample.layer(Quantity::Direct) += weight * seen;
+                }
+            }
         }
+    }
+
+    /// What the diffuse part reflects of emitters that no shadow ray looks for (large lamps, even surroundings), by one
+    /// cosine-distributed ray that goes straight on through plates and ends at the first surface else.
+    fn seen_by_chance(&self, si: &SurfaceInteraction, shading: &Shading<'_>, trace: &mut Trace<'_>) -> Rgb {
+        let scene = self.world.scene();
+        let local = warp::cosine_hemisphere(trace.sampler.next_2d());
+        let direction = Frame::new(shading.normal()).to_world(local);
+        let mut carried = shading.eval(direction).diffuse / cosine_density(1.0, local.z);
+        let mut found = Rgb::BLACK;
+        let mut ray = si.spawn(direction);
+        trace.counts.gather += 1;
+        for _ in 0..DEEPEST {
+            if carried.is_black() {
+                break;
+            }
+            let Some(met) = self.world.intersect(&ray) else {
+                if self.world.partition().environment().is_none() {
+                    found += carried * scene.escaped_radiance(ray.direction);
+                }
+                break;
+            };
+            if met.front && !self.world.partition().found_by_shadow_rays(met.shape as usize) {
+                found += carried * scene.shapes[met.shape as usize].emitted(met.uv);
+            }
+            carried *= self.world.shading(&met).straight_share();
+            ray.t_min = met.end;
+        }
+        found
     }
 }

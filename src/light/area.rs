@@ -5,7 +5,7 @@ use super::projected::{Faces, Seen};
 use super::{LightHit, LightSample, Receiver};
 use crate::geometry::{Bounds, Mesh, Sphere, offset_origin, triangle};
 use crate::material::Texture;
-use crate::math::{CompensatedSum, DVec2, Frame, Rgb, Vec2, Vec3, warp};
+use crate::math::{CompensatedSum, DVec2, DVec3, Frame, Rgb, Vec2, Vec3, warp};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -47,6 +47,25 @@ pub struct AreaLight {
     running: Vec<f64>,
     /// Its faces, if it has few and shines alike everywhere: they are sampled by what they do for a receiver.
     faces: Option<Box<Faces>>,
+}
+
+/// A point of a lamp's surface that light leaves from.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfacePoint {
+    /// The point.
+    pub position: Vec3,
+    /// Unit normal of the side that emits.
+    pub normal: DVec3,
+    /// Bound on the rounding of the point, per coordinate.
+    pub error: Vec3,
+    /// Index of the primitive within its shape.
+    pub primitive: u32,
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Radiance emitted there [W/(m² sr)].
+    pub radiance: Rgb,
+    /// Density of the point per area [1/m²].
+    pub density: f64,
 }
 
 /// The surface of an [`AreaLight`].
@@ -204,10 +223,29 @@ impl AreaLight {
         let toward = seen.sample(u)?;
         let direction = toward.direction.as_vec3();
         let target = offset_origin(toward.position.as_vec3(), Vec3::splat(toward.error), toward.normal.as_vec3(), -direction);
-        Some(LightSample { target: Some(target), direction, irradiance: self.mean / toward.pdf, pdf: toward.pdf })
+        // Of one radiance: points leave by area.
+        let area_density = 1.0 / self.area;
+        Some(LightSample { target: Some(target), direction, irradiance: self.mean / toward.pdf, pdf: toward.pdf, area_density })
     }
 
-    fn sample_triangles(&self, point: Vec3, mut u: Vec2, corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]]) -> Option<LightSample> {
+    fn sample_triangles(&self, point: Vec3, u: Vec2, corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]]) -> Option<LightSample> {
+        let start = self.point_on_triangles(u, corners, uvs)?;
+        let to_light = (start.position - point).as_dvec3();
+        let d2 = to_light.length_squared();
+        let direction = to_light / d2.sqrt();
+        let cos = -direction.dot(start.normal);
+        if cos <= 0.0 || d2 == 0.0 {
+            return None;
+        }
+        let pdf = d2 / cos * start.density;
+        // The target is moved off the lamp, towards the receiver, so that the lamp does not shadow itself.
+        let target = offset_origin(start.position, start.error, start.normal.as_vec3(), -direction.as_vec3());
+        let (direction, irradiance) = (direction.as_vec3(), start.radiance / pdf);
+        Some(LightSample { target: Some(target), direction, irradiance, pdf, area_density: start.density })
+    }
+
+    /// A point by the power of the parts.
+    fn point_on_triangles(&self, mut u: Vec2, corners: &[[Vec3; 3]], uvs: &[[Vec2; 3]]) -> Option<SurfacePoint> {
         let total = *self.running.last()?;
         let cell = if self.running.len() == 1 {
             0
@@ -223,26 +261,50 @@ impl AreaLight {
         let [a, b, c] = corners[index];
         let w = self.cells.inside(cell % self.cells.count(), warp::triangle(u));
         let position = (a.as_dvec3() * (1.0 - w.x - w.y) + b.as_dvec3() * w.x + c.as_dvec3() * w.y).as_vec3();
-        let to_light = (position - point).as_dvec3();
-        let d2 = to_light.length_squared();
-        let direction = to_light / d2.sqrt();
         let vector = triangle::area_vector(a, b, c);
         let area = vector.length();
-        let n = vector / area;
-        let cos = -direction.dot(n);
-        if cos <= 0.0 || d2 == 0.0 {
-            return None;
-        }
-        let pdf = d2 / cos * self.density(cell, area);
-        // The target is moved off the lamp, towards the receiver, so that the lamp does not shadow itself; its interpolation
-        // in f32 costs as much again as leaving a surface.
-        let error = Vec3::splat(2.0 * triangle::leaving_error(a, b, c));
-        let target = offset_origin(position, error, n.as_vec3(), -direction.as_vec3());
+        let uv = Emitter::uv(uvs, index, w);
         let radiance = match &self.radiance {
             Texture::Constant(value) => *value,
-            texture => texture.at(Emitter::uv(uvs, index, w)),
+            texture => texture.at(uv),
         };
-        Some(LightSample { target: Some(target), direction: direction.as_vec3(), irradiance: radiance / pdf, pdf })
+        // Interpolation in f32 costs as much again as leaving a surface.
+        let error = Vec3::splat(2.0 * triangle::leaving_error(a, b, c));
+        let density = self.density(cell, area);
+        Some(SurfacePoint { position, normal: vector / area, error, primitive: index as u32, uv, radiance, density })
+    }
+
+    /// A point of the surface to leave from: by the power of its parts, or by area where it shines alike everywhere.
+    pub fn departure(&self, u: Vec2) -> Option<SurfacePoint> {
+        match &self.emitter {
+            Emitter::Triangles { corners, uvs, .. } => self.point_on_triangles(u, corners, uvs),
+            Emitter::Sphere(sphere) => {
+                let normal = warp::sphere(u);
+                let uv = sphere.uv(normal);
+                Some(SurfacePoint {
+                    position: (sphere.center.as_dvec3() + normal.as_dvec3() * f64::from(sphere.radius)).as_vec3(),
+                    normal: normal.as_dvec3(),
+                    error: Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * SPHERE_ERROR),
+                    primitive: 0,
+                    uv,
+                    radiance: self.radiance.at(uv),
+                    density: 1.0 / self.area,
+                })
+            }
+        }
+    }
+
+    /// Density per area [1/m²] with which [`AreaLight::departure`] finds the point `hit`.
+    pub fn departure_density(&self, hit: &LightHit) -> f64 {
+        match &self.emitter {
+            Emitter::Triangles { corners, .. } => {
+                let Some(&[a, b, c]) = corners.get(hit.primitive as usize) else { return 0.0 };
+                let cell = if self.cells.per_edge == 1 { 0 } else { self.cells.index_of(weights_at(hit.position, [a, b, c])) };
+                let area = triangle::area_vector(a, b, c).length();
+                self.density(hit.primitive as usize * self.cells.count() + cell, area)
+            }
+            Emitter::Sphere(_) => 1.0 / self.area,
+        }
     }
 
     fn sample_sphere(&self, point: Vec3, u: Vec2, sphere: &Sphere) -> Option<LightSample> {
@@ -259,7 +321,8 @@ impl AreaLight {
         let error = Vec3::splat((sphere.center.abs().max_element() + sphere.radius) * SPHERE_ERROR);
         let target = offset_origin(position, error, normal, -direction);
         let pdf = 1.0 / (2.0 * PI * one_minus_cos);
-        Some(LightSample { target: Some(target), direction, irradiance: self.radiance.at(sphere.uv(normal)) / pdf, pdf })
+        let irradiance = self.radiance.at(sphere.uv(normal)) / pdf;
+        Some(LightSample { target: Some(target), direction, irradiance, pdf, area_density: 1.0 / self.area })
     }
 
     /// Rough unoccluded irradiance; an upper bound on the receiver's cosine keeps it positive wherever light can arrive.

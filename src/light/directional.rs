@@ -16,7 +16,13 @@ impl DirectionalLight {
     /// The one direction to the light.
     #[inline]
     pub fn sample(&self) -> LightSample {
-        LightSample { target: None, direction: -self.direction, irradiance: self.irradiance, pdf: f64::INFINITY }
+        LightSample {
+            target: None,
+            direction: -self.direction,
+            irradiance: self.irradiance,
+            pdf: f64::INFINITY,
+            area_density: 0.0,
+        }
     }
 
     /// Irradiance with normal `n`, visibility aside.

@@ -32,6 +32,8 @@ pub struct LightSample {
     pub irradiance: Rgb,
     /// Density of `direction` per steradian; infinite for a light without extent.
     pub pdf: f64,
+    /// Density per area [1/m²] with which [`AreaLight::departure`] starts at `target`; 0 for all other lights.
+    pub area_density: f64,
 }
 
 /// Where a ray met the surface of a light.
@@ -89,7 +91,7 @@ impl Light {
             Light::Directional(light) => Some(light.sample()),
             Light::Environment(environment) => {
                 let (direction, radiance, pdf) = environment.sample(u);
-                (pdf > 0.0).then(|| LightSample { target: None, direction, irradiance: radiance / pdf, pdf })
+                (pdf > 0.0).then(|| LightSample { target: None, direction, irradiance: radiance / pdf, pdf, area_density: 0.0 })
             }
         }
     }

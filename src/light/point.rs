@@ -24,6 +24,7 @@ impl PointLight {
             direction: (to_light / d2.sqrt()).as_vec3(),
             irradiance: self.intensity / d2,
             pdf: f64::INFINITY,
+            area_density: 0.0,
         })
     }
 

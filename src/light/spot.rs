@@ -1,7 +1,7 @@
 //! Spot light: a point that shines into a cone.
 
 use super::LightSample;
-use crate::math::{DVec3, Rgb, Vec3};
+use crate::math::{DVec3, Frame, Rgb, Vec2, Vec3, warp};
 use std::f64::consts::TAU;
 
 /// A point whose intensity is full inside one cone, zero outside a wider one, and falls linearly with the angle between them
@@ -47,7 +47,15 @@ impl SpotLight {
             direction: direction.as_vec3(),
             irradiance: self.intensity * (falloff / d2),
             pdf: f64::INFINITY,
+            area_density: 0.0,
         })
+    }
+
+    /// A direction of its cone, uniform, and its density per steradian.
+    pub fn departure(&self, u: Vec2) -> (Vec3, f64) {
+        let one_minus_cos = 2.0 * (0.5 * self.cutoff).sin().powi(2);
+        let direction = Frame::new(self.axis.as_vec3().normalize()).to_world(warp::cone(u, one_minus_cos as f32));
+        (direction, 1.0 / (TAU * one_minus_cos))
     }
 
     /// Power [W]: the integral of the intensity, 2 pi I (1 - (sin c - sin b)/(c - b)) for cut-off c and beam width b.

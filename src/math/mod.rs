@@ -6,7 +6,7 @@ pub mod warp;
 
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec3A};
 pub use rgb::Rgb;
-pub use sampler::{Sampler, SamplerKind};
+pub use sampler::{Change, Proposal, Sampler, SamplerKind};
 
 /// Orthonormal right-handed frame whose third axis is a given unit normal.
 ///

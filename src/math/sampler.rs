@@ -4,6 +4,7 @@
 //! border the scrambling seed is hashed anew, so that an independent scrambling of the same sequence goes on. [`SamplerKind::Independent`] is for comparisons with renderers that sample so.
 
 use super::Vec2;
+use std::sync::Arc;
 
 const SAMPLES: u32 = 1 << 16;
 /// 2^64 over the golden ratio, odd: the step of SplitMix64.
@@ -34,6 +35,53 @@ impl SamplerKind {
     }
 }
 
+/// Widest and narrowest step of a small change to a number, [Kelemen02], section 3.2.
+const STEPS: [f32; 2] = [1.0 / 64.0, 1.0 / 1024.0];
+
+/// How the numbers of a chain's next state come from those of its present one.
+#[derive(Debug, Clone, Copy)]
+pub enum Change {
+    /// All anew.
+    Large,
+    /// Each moved a little.
+    Small,
+}
+
+/// Numbers of a state that is proposed to a Markov chain: a pure function of the present state, the change and its seed.
+#[derive(Debug, Clone)]
+pub struct Proposal {
+    /// Numbers of the present state; what lies beyond them is always new.
+    pub present: Arc<[f32]>,
+    /// The change.
+    pub change: Change,
+    /// Its seed.
+    pub seed: u64,
+}
+
+impl Proposal {
+    /// Number `i`.
+    #[inline]
+    pub fn value(&self, i: usize) -> f32 {
+        let bits = mix(self.seed ^ mix((i as u64).wrapping_add(GOLDEN)));
+        let uniform = |bits: u64| (bits & 0xff_ffff) as f32 * 2.0_f32.powi(-24);
+        match (self.change, self.present.get(i)) {
+            (Change::Small, Some(x)) => {
+                // Exponentially distributed sizes, to both sides, around the circle.
+                let size = STEPS[0] * ((STEPS[1] / STEPS[0]).ln() * uniform(bits >> 1)).exp();
+                let moved = if bits >> 63 == 0 { x + size } else { x - size };
+                let round = moved - moved.floor();
+                if round < 1.0 { round } else { 0.0 }
+            }
+            _ => uniform(bits >> 1),
+        }
+    }
+
+    /// The first numbers, as many as the present state holds: the state once it is accepted.
+    pub fn accepted(&self) -> Arc<[f32]> {
+        (0..self.present.len()).map(|i| self.value(i)).collect()
+    }
+}
+
 /// A stream of sample values; two streams made from the same arguments give the same values on any machine and thread.
 #[derive(Debug, Clone)]
 pub struct Sampler {
@@ -46,6 +94,8 @@ pub struct Sampler {
     set: u32,
     ready: [f32; 4],
     used: usize,
+    /// Where the numbers come from instead, in a Markov chain.
+    proposal: Option<Proposal>,
 }
 
 impl Sampler {
@@ -70,7 +120,13 @@ impl Sampler {
             set: 0,
             ready: [0.0; 4],
             used: 4,
+            proposal: None,
         }
+    }
+
+    /// The numbers of a state of a Markov chain, in order.
+    pub fn of_chain(proposal: Proposal) -> Self {
+        Self { proposal: Some(proposal), ..Self::of(SamplerKind::Independent, 0, 0, 0) }
     }
 
     /// Next value in [0, 1).
@@ -99,7 +155,11 @@ impl Sampler {
     fn refill(&mut self) {
         self.used = 0;
         if self.kind == SamplerKind::Independent {
-            self.ready = self.independent();
+            self.ready = match &self.proposal {
+                Some(proposal) => [0, 1, 2, 3].map(|k| proposal.value(4 * self.set as usize + k)),
+                None => self.independent(),
+            };
+            self.set += 1;
             return;
         }
         let round = self.set / SETS;
@@ -183,5 +243,24 @@ mod tests {
         assert_ne!(first_2d(1, 0), first_2d(2, 0));
         assert_ne!(Sampler::new(1, 1, 0).next_1d(), Sampler::new(2, 1, 0).next_1d());
         assert_eq!(first_2d(9, 5), first_2d(9, 5));
+    }
+
+    /// Small steps are small and even to both sides; what is proposed does not depend on how it is read.
+    #[test]
+    fn a_chain_moves_each_number_a_little() {
+        let present: Arc<[f32]> = [0.5_f32; 4096].into();
+        let proposal = Proposal { present, change: Change::Small, seed: 5 };
+        let accepted = proposal.accepted();
+        let mut stream = Sampler::of_chain(proposal);
+        let (mut up, mut n) = (0, 0);
+        for x in accepted.iter() {
+            assert_eq!(stream.next_1d(), *x);
+            let step = (x - 0.5).abs();
+            assert!((0.99 / 1024.0..=1.01 / 64.0).contains(&step), "a step of {step}");
+            up += u32::from(*x > 0.5);
+            n += 1;
+        }
+        // Four standard errors of a fair coin.
+        assert!((f64::from(up) - 0.5 * f64::from(n)).abs() < 4.0 * 0.5 * f64::from(n).sqrt(), "{up} of {n} went up");
     }
 }

@@ -21,7 +21,7 @@ use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
 use crate::form_factor::FormFactorMethod;
 use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
-use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
+use crate::integrator::{Frame, IntegratorSettings, Method, MethodSettings, ReadOut};
 use crate::math::SamplerKind;
 use crate::patch::PatchError;
 use crate::progress::{Observer, Stage};
@@ -48,6 +48,8 @@ pub struct RenderSettings {
     pub budget: Budget,
     /// Gather rays per camera sample.
     pub gather_rays: u32,
+    /// What only single methods know.
+    pub methods: MethodSettings,
     /// Seed of all random numbers.
     pub seed: u64,
     /// How samples of one pixel lie among each other.
@@ -72,6 +74,7 @@ impl Default for RenderSettings {
             max_depth: None,
             budget: Budget::default(),
             gather_rays: DEFAULT_GATHER_RAYS,
+            methods: MethodSettings::default(),
             seed: 0,
             sampler: SamplerKind::default(),
             pass_one: PassOneSettings::default(),
@@ -88,6 +91,9 @@ impl RenderSettings {
     pub fn read_out(&self) -> Result<Option<ReadOut>, PipelineError> {
         match (self.method.read_out(), self.read_out) {
             (None, Some(_)) => Err(PipelineError::NoFirstPass(self.method)),
+            (Some(own), Some(chosen)) if own != chosen && !self.method.has_read_outs() => {
+                Err(PipelineError::OneReadOut(self.method))
+            }
             (own, chosen) => Ok(chosen.or(own)),
         }
     }
@@ -144,6 +150,9 @@ pub enum PipelineError {
     /// A read-out was asked of a method that has no first pass.
     #[error("the method {} has no first pass, so there is no read-out to choose", .0.name())]
     NoFirstPass(Method),
+    /// Another read-out was asked of a method that has one of its own.
+    #[error("the method {} reads its first pass in one way only, so there is no read-out to choose", .0.name())]
+    OneReadOut(Method),
     /// Stopped before there was anything to show.
     #[error("stopped before the first picture")]
     Stopped,
@@ -260,7 +269,8 @@ fn render_over(
     // A path of two edges or fewer never meets a second diffuse surface.
     let progressive = read_out == Some(ReadOut::Progressive);
     let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
-    let first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
+    let mut first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
+    first.extended &= settings.method.extends_form_factors();
     let mut pass_one = if given.is_some() {
         given.filter(|_| needs_pass_one)
     } else if needs_pass_one {
@@ -278,7 +288,7 @@ fn render_over(
         return Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, world });
     }
     let field = pass_one.as_ref().map(|p| &p.field);
-    let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?);
+    let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?, &settings.methods);
     let Driven { film, counts: pass_two, complete } =
         watch.time(Stage::Render, || drive(&mut *integrator, &frame, &budget, clocks, observer, snapshot));
     watch.take_off(Stage::Render, clocks.excluded());

@@ -28,6 +28,8 @@ pub struct PassOneSettings {
     pub by_light: bool,
     /// Most bytes that patches and form factors may take; `None`: whatever they need.
     pub max_memory: Option<u64>,
+    /// Form factors by way of mirrors, glass and gloss as well (extended ones, [Sillion89]).
+    pub extended: bool,
 }
 
 impl Default for PassOneSettings {
@@ -39,6 +41,7 @@ impl Default for PassOneSettings {
             form_factors,
             form_factor_tolerance: form_factors.default_tolerance(),
             solver: SolverSettings::default(),
+            extended: true,
             by_light: false,
             max_memory: None,
         }
@@ -61,6 +64,7 @@ impl PassOneSettings {
             method: self.form_factors,
             tolerance: self.form_factor_tolerance,
             shadow_rays: DIRECT_POINTS,
+            extended: self.extended,
             seed: mix(seed ^ 0x00f0_0f0f),
         }
     }

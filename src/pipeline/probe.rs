@@ -63,6 +63,8 @@ impl Prober<'_> {
             settings: self.settings,
             cache: None,
             caustics: None,
+            ambient: 0.0,
+            below: None,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points

@@ -204,7 +204,15 @@ impl<'a> Progressive<'a> {
 
     fn two_pass<'b>(&'b self, half: usize, cache: Option<&'b IrradianceCache>) -> TwoPass<'b> {
         let caustics = self.caustics[half].as_ref();
-        TwoPass { world: self.world, field: Some(&self.pass_one.field), settings: self.settings, cache, caustics }
+        TwoPass {
+            world: self.world,
+            field: Some(&self.pass_one.field),
+            settings: self.settings,
+            cache,
+            caustics,
+            ambient: 0.0,
+            below: None,
+        }
     }
 }
 

@@ -81,6 +81,12 @@ impl RadiosityField {
         })
     }
 
+    /// Irradiance of patch `i` as its diffuse part accepts it [W/m²].
+    #[inline]
+    pub fn accepted_of(&self, i: usize) -> Rgb {
+        self.whole[i].0
+    }
+
     /// Radiance [W/(m² sr)] that a diffuse surface of reflectance `rho` reflects under irradiance `h`: (B - E)/pi = rho H/pi.
     #[inline]
     pub fn reflected_radiance(rho: Rgb, h: Rgb) -> Rgb {

@@ -11,6 +11,7 @@ mod coarse;
 pub mod field;
 mod gauss_seidel;
 mod gmres;
+pub mod interpolation;
 mod jacobi;
 mod krylov;
 mod rooms;
@@ -19,6 +20,7 @@ mod southwell;
 pub mod system;
 
 pub use field::{Incident, RadiosityField};
+pub use interpolation::Interpolation;
 pub use system::RadiositySystem;
 
 use crate::math::Rgb;

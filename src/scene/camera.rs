@@ -35,7 +35,51 @@ pub struct Camera {
     pub far_clip: f64,
 }
 
+/// A point as the camera sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighting {
+    /// Where on the film, in pixels from its top left corner.
+    pub film_point: Vec2,
+    /// Unit direction from the point to the camera.
+    pub direction: Vec3,
+    /// Squared distance [m²].
+    pub distance_squared: f64,
+    /// Importance W_e of the pixel there per steradian [1/sr]: a pixel's value is the integral of W_e L over its solid angle. It is
+    /// also the density with which rays through uniform points of that pixel take this direction ([Veach97], section 8.3).
+    pub importance: f64,
+}
+
 impl Camera {
+    /// Where on a film of `width` x `height` pixels `point` is seen, other surfaces aside; `None` if it is not: outside the film, or of
+    /// the range of distances.
+    pub fn see(&self, point: Vec3, width: usize, height: usize) -> Option<Sighting> {
+        let to_point = point.as_dvec3() - self.to_scene.translation.as_vec3().as_dvec3();
+        let local = self.to_scene.matrix3.inverse() * to_point;
+        let along = self.to_scene.transform_vector3(DVec3::Z).normalize().dot(to_point);
+        if local.z <= 0.0 || along <= self.near_clip || along >= self.far_clip {
+            return None;
+        }
+        let per_pixel = 2.0 * self.half_width(width, height) / width as f64;
+        let middle = DVec2::new(width as f64, height as f64) * (0.5 - self.principal_point);
+        let film = DVec2::new(middle.x - local.x / local.z / per_pixel, middle.y - local.y / local.z / per_pixel);
+        let inside = film.x >= 0.0 && film.y >= 0.0 && film.x < width as f64 && film.y < height as f64;
+        let distance_squared = to_point.length_squared();
+        let cos = along / distance_squared.sqrt();
+        inside.then(|| Sighting {
+            film_point: film.as_vec2(),
+            direction: (-to_point / distance_squared.sqrt()).as_vec3(),
+            distance_squared,
+            importance: 1.0 / (per_pixel * per_pixel * cos.powi(3)),
+        })
+    }
+
+    /// Density per steradian of the rays through uniform points of one pixel, along the unit vector `direction` [1/sr].
+    pub fn density(&self, direction: Vec3, width: usize, height: usize) -> f64 {
+        let per_pixel = 2.0 * self.half_width(width, height) / width as f64;
+        let cos = self.to_scene.transform_vector3(DVec3::Z).normalize().dot(direction.as_dvec3());
+        1.0 / (per_pixel * per_pixel * cos.powi(3))
+    }
+
     /// Half the width of the film at unit distance.
     pub fn half_width(&self, width: usize, height: usize) -> f64 {
         let tan = (0.5 * self.fov).tan();
@@ -105,6 +149,36 @@ mod tests {
             let (x, y) = (d.x / d.z, d.y / d.z);
             assert!((x - want.0).abs() < 1e-5 && (y - want.1).abs() < 1e-5, "{p:?}: {x} {y}, expected {want:?}");
         }
+    }
+
+    /// A ray's points are seen where the ray came from.
+    #[test]
+    fn a_point_is_seen_where_its_ray_starts() {
+        let camera = Camera { principal_point: DVec2::new(0.1, -0.05), ..camera(FovAxis::X) };
+        for p in [Vec2::new(0.5, 0.25), Vec2::new(7.5, 3.0), Vec2::new(3.0, 2.0)] {
+            let ray = camera.ray(p, 8, 4);
+            let seen = camera.see(ray.at(2.5), 8, 4).expect("before the camera");
+            assert!((seen.film_point - p).length() < 1e-4, "{p}: {}", seen.film_point);
+            assert!((seen.distance_squared - 6.25).abs() < 1e-4 && (seen.direction + ray.direction).length() < 1e-5);
+            assert!((seen.importance / camera.density(ray.direction, 8, 4) - 1.0).abs() < 1e-4);
+        }
+        assert!(camera.see(Vec3::new(0.0, 0.0, -1.0), 8, 4).is_none(), "behind");
+        assert!(camera.see(Vec3::new(2.0, 0.0, 1.0), 8, 4).is_none(), "beside");
+    }
+
+    /// The solid angle of a film is the sum of 1/W_e over its pixels, also that of a square pyramid:
+    /// 4 arcsin(sin(a/2) sin(b/2)) with the two full angles a and b.
+    #[test]
+    fn importance_is_one_over_the_solid_angle_of_a_pixel() {
+        let camera = camera(FovAxis::X);
+        let n = 64;
+        let sum: f64 = (0..n * n)
+            .map(|i| {
+                1.0 / camera.density(camera.ray(Vec2::new((i % n) as f32 + 0.5, (i / n) as f32 + 0.5), n, n).direction, n, n)
+            })
+            .sum();
+        let want = 4.0 * (0.5_f64).asin();
+        assert!((sum / want - 1.0).abs() < 1e-3, "{sum}, expected {want}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ pub mod camera;
 mod repair;
 
 pub use build::{LightSource, SceneError, SceneSource, ShapeSource, SurfaceSource};
-pub use camera::Camera;
+pub use camera::{Camera, Sighting};
 
 use crate::geometry::{Mesh, Sphere};
 use crate::light::{Environment, Light};

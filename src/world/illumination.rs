@@ -48,6 +48,14 @@ pub struct ShadowRay {
     pub density: f64,
     /// True if it looks for the surroundings, which gather rays find as well.
     pub surroundings: bool,
+    /// Index of the light.
+    pub light: usize,
+    /// Expected number of shadow rays to this light.
+    pub picked: f64,
+    /// Squared distance to the point aimed at [m²]; infinite for a light infinitely far away.
+    pub distance_squared: f64,
+    /// Density per area with which particles leave the point aimed at [1/m²]; 0 for lights that are no surface.
+    pub area_density: f64,
 }
 
 impl World {
@@ -121,7 +129,15 @@ impl World {
                 (light, _) => light.sample(si.point, faces, u),
             };
             let Some(sample) = sample else { return };
-            let ray = ShadowRay { direction: sample.direction, density: sample.pdf * picked, surroundings };
+            let ray = ShadowRay {
+                direction: sample.direction,
+                density: sample.pdf * picked,
+                surroundings,
+                light,
+                picked,
+                distance_squared: sample.target.map_or(f64::INFINITY, |t| f64::from(t.distance_squared(si.point))),
+                area_density: sample.area_density,
+            };
             let response = respond(&ray);
             if response.diffuse.is_black() && response.glossy.is_black() {
                 return;
@@ -200,26 +216,29 @@ impl World {
     /// Expected number of shadow rays per steradian from `origin` along `direction` to `light`, which is met at `hit`.
     pub(super) fn light_density(&self, origin: &Origin, light: usize, direction: Vec3, hit: Option<&LightHit>) -> f64 {
         if let (Light::Environment(environment), Some(guide)) = (&self.scene.lights[light], &self.sky_guide) {
-            let rays = f64::from(origin.sampling.sky_rays);
-            return rays * guide.pdf(environment, origin.point, origin.receiver, direction);
+            return f64::from(origin.sampling.sky_rays) * guide.pdf(environment, origin.point, origin.receiver, direction);
         }
         let receiver = Receiver { normal: origin.receiver, in_passing: origin.sampling.in_passing };
         let pdf = self.scene.lights[light].pdf(origin.point, receiver, direction, hit);
+        if pdf > 0.0 { pdf * self.expected_picks(origin, light) } else { 0.0 }
+    }
+
+    /// Expected number of shadow rays from `origin` to `light`.
+    pub(super) fn expected_picks(&self, origin: &Origin, light: usize) -> f64 {
         let lights = self.partition.shadow_lights();
         if self.partition.environment() == Some(light) {
-            return pdf * f64::from(origin.sampling.sky_rays);
+            return f64::from(origin.sampling.sky_rays);
         }
         if self.scene.lights[light].is_distant() || lights.len() <= origin.sampling.lights_per_point {
-            return pdf;
+            return 1.0;
         }
+        let picks = origin.sampling.lights_per_point.min(MOST_PICKS) as f64;
         if let Some(tree) = &self.light_tree {
-            return pdf
-                * origin.sampling.lights_per_point.min(MOST_PICKS) as f64
-                * tree.probability(origin.point, origin.receiver, light);
+            return picks * tree.probability(origin.point, origin.receiver, light);
         }
         let importance = |light: usize| self.light_importance(light, origin.point, origin.receiver);
         let total: f64 = lights.iter().map(|&l| importance(l)).sum();
-        if total > 0.0 { pdf * origin.sampling.lights_per_point.min(MOST_PICKS) as f64 * importance(light) / total } else { 0.0 }
+        if total > 0.0 { picks * importance(light) / total } else { 0.0 }
     }
 
     /// Share of the light that comes straight along `ray` from its far end: 1 if nothing is in the way, less through thin plates, else 0.

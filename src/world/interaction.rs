@@ -52,6 +52,19 @@ impl SurfaceInteraction {
         Self { point, error, ng, ns, uv, place, shape, primitive, front, wo: wo.normalize(), t: 0.0, end: 0.0 }
     }
 
+    /// The same point as seen from the unit direction `wo`.
+    #[inline]
+    pub fn seen_from(&self, wo: Vec3) -> Self {
+        let side = if wo.dot(self.ng) >= 0.0 { 1.0 } else { -1.0 };
+        Self { ng: self.ng * side, ns: self.ns * side, front: self.front == (side > 0.0), wo, ..*self }
+    }
+
+    /// The point moved off the surface, towards `direction`: where a ray to it may end.
+    #[inline]
+    pub fn moved_towards(&self, direction: Vec3) -> Vec3 {
+        offset_origin(self.point, self.error, self.ng, direction)
+    }
+
     /// A ray that leaves the surface along `direction`, free of self-intersection.
     #[inline]
     pub fn spawn(&self, direction: Vec3) -> Ray {
@@ -67,6 +80,12 @@ impl SurfaceInteraction {
     /// Frame of the material: around the shading normal, unless the viewer is below it (then the geometric one).
     #[inline]
     pub fn shading_frame(&self) -> Frame {
-        Frame::new(if self.wo.dot(self.ns) > 1e-4 { self.ns } else { self.ng })
+        Frame::new(self.shading_normal(self.wo))
+    }
+
+    /// Third axis of [`Self::shading_frame`] for a viewer on this side along the unit vector `wo`.
+    #[inline]
+    pub fn shading_normal(&self, wo: Vec3) -> Vec3 {
+        if wo.dot(self.ns) > 1e-4 { self.ns } else { self.ng }
     }
 }

@@ -1,5 +1,6 @@
 //! A scene made ready for rays: primitives, the tree over them, and what is known at a hit.
 
+pub mod departure;
 pub mod illumination;
 pub mod interaction;
 pub mod partition;
@@ -9,6 +10,7 @@ mod sky_guide;
 mod tangent;
 pub mod walk;
 
+pub use departure::{Departure, Departures};
 pub use illumination::{DirectSampling, ShadowRay};
 pub use interaction::SurfaceInteraction;
 pub use partition::EmitterPartition;

@@ -21,6 +21,8 @@ pub struct EmitterPartition {
     shadow_light_of_shape: Vec<Option<u32>>,
     /// Index of the surroundings if shadow rays find them.
     environment: Option<usize>,
+    /// True if some emitter is not found by shadow rays.
+    leaves_some: bool,
 }
 
 impl EmitterPartition {
@@ -33,6 +35,7 @@ impl EmitterPartition {
             distant: Vec::new(),
             shadow_light_of_shape: vec![None; scene.shapes.len()],
             environment: None,
+            leaves_some: false,
         };
         // Emitters of one kind that fill the scene together are large as well, even if each alone is small (six walls of a furnace).
         let emitting: f64 = scene.lights.iter().map(Light::area).sum();
@@ -53,7 +56,16 @@ impl EmitterPartition {
                 partition.environment = Some(i);
             }
         }
+        let left_out = |(i, shape): (usize, &crate::scene::Shape)| shape.emits() && !partition.found_by_shadow_rays(i);
+        partition.leaves_some =
+            (scene.environment.is_some() && partition.environment.is_none()) || scene.shapes.iter().enumerate().any(left_out);
         partition
+    }
+
+    /// True if some emitter, the surroundings among them, is left to rays that meet it by chance.
+    #[inline]
+    pub fn leaves_some(&self) -> bool {
+        self.leaves_some
     }
 
     /// Lights with a place that are sampled by shadow rays, as indices into `scene.lights`.

@@ -86,6 +86,16 @@ impl Shading<'_> {
         self.material.has_glossy() && (!self.flipped || self.material.is_transmissive())
     }
 
+    /// Reflectance, if this is nothing but a Lambertian surface with its own normals, seen from its reflecting side: what it does then
+    /// follows from few numbers.
+    #[inline]
+    pub fn plain(&self) -> Option<Rgb> {
+        match self.material {
+            Material::Diffuse { reflectance } if self.relief.is_none() && !self.flipped => Some(reflectance.at(self.si.uv)),
+            _ => None,
+        }
+    }
+
     /// Directional albedo of the diffuse part: a uniform irradiance H is sent to the viewer as the radiance of this times H/pi.
     #[inline]
     pub fn diffuse_reflectance(&self) -> Rgb {

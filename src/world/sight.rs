@@ -87,6 +87,19 @@ impl World {
         }
     }
 
+    /// Expected number of shadow rays per steradian from `origin` that find the emission which a ray along `direction` meets at `at`, or
+    /// outside the scene; 0 if none looks for it.
+    #[inline]
+    pub fn shadow_density(&self, origin: &Origin, direction: Vec3, at: Option<&SurfaceInteraction>) -> f64 {
+        match at {
+            Some(at) => self
+                .partition
+                .shadow_light_of(at.shape as usize)
+                .map_or(0.0, |light| self.density_at(origin, light, direction, at)),
+            None => self.partition.environment().map_or(0.0, |light| self.light_density(origin, light, direction, None)),
+        }
+    }
+
     /// Expected number of shadow rays per steradian from `origin` to `light`, which a ray along `direction` meets at `at`.
     #[inline]
     fn density_at(&self, origin: &Origin, light: usize, direction: Vec3, at: &SurfaceInteraction) -> f64 {

@@ -147,7 +147,7 @@ impl SkyGuide {
         let (u, density) = self.table(point, normal).map_or((u, 1.0), |table| table.warp(u));
         let (direction, radiance, pdf) = environment.sample(u);
         let pdf = pdf * f64::from(density);
-        (pdf > 0.0).then(|| LightSample { target: None, direction, irradiance: radiance / pdf, pdf })
+        (pdf > 0.0).then(|| LightSample { target: None, direction, irradiance: radiance / pdf, pdf, area_density: 0.0 })
     }
 
     /// Density per steradian with which [`Self::sample`] finds `direction`.

@@ -205,6 +205,10 @@ fn help_and_lists_go_to_stdout() {
         ("render --help", "--spp"),
         ("--version", env!("CARGO_PKG_VERSION")),
         ("--list-methods", "two-pass-whitted"),
+        ("--list-methods", "LD?S*E"),
+        ("--list-methods", "unbiased"),
+        ("--list-methods", "independent"),
+        ("--list-methods", "Kajiya86"),
         ("render --list-methods", "path"),
     ] {
         let (out, _) = place.expect(0, line);

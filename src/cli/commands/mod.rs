@@ -11,15 +11,23 @@ pub mod stability;
 
 use super::args::{Common, PassOneArgs, PassTwoArgs};
 use super::exit::Failure;
+use super::method_args::MethodArgs;
 use super::output::print;
 use super::values::physical_memory;
-use twopass::integrator::Method;
+use twopass::integrator::{Method, MethodSettings};
 use twopass::pipeline::{PassOneSettings, RenderSettings};
 
 /// The table of methods.
 pub fn list_methods() -> Result<(), Failure> {
-    let lines = Method::ALL.map(|m| format!("{:20} {}\n", m.name(), m.describe()));
-    print(&lines.concat())
+    let mut table = format!("{:18} {:19} {:10} {:16} {}\n", "method", "light paths", "error", "view", "about");
+    for method in Method::ALL {
+        let row = method.row();
+        let view = if row.view_independent { "independent" } else { "dependent" };
+        let error = row.error.name();
+        table += &format!("{:18} {:19} {error:10} {view:16} {} ({})\n", row.name, row.paths, row.about, row.citation);
+    }
+    table += "\nLight paths from the lamp L to the eye E: D diffuse or rough, S ideal mirror or glass [Heckbert90].\n";
+    print(&table)
 }
 
 /// Settings of pass one from its flags; the library's defaults where nothing was typed.
@@ -47,5 +55,21 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
         settings.sampler = args.sampler;
         settings.gather_rays = args.gather_rays.unwrap_or(settings.gather_rays);
     }
+    settings
+}
+
+/// Settings of single methods from their flags; the library's defaults where nothing was typed.
+fn method_settings(args: &MethodArgs) -> MethodSettings {
+    let mut settings = MethodSettings::default();
+    settings.ambient = args.ambient.unwrap_or(settings.ambient);
+    settings.photons = args.photons;
+    let ambient = &mut settings.ambient_cache;
+    ambient.bounces = args.ambient_bounces.unwrap_or(ambient.bounces);
+    ambient.accuracy = args.ambient_accuracy.unwrap_or(ambient.accuracy);
+    ambient.divisions = args.ambient_divisions.unwrap_or(ambient.divisions);
+    settings.metropolis.chains = args.chains.unwrap_or(settings.metropolis.chains);
+    settings.metropolis.large_steps = args.large_steps.unwrap_or(settings.metropolis.large_steps);
+    settings.paths.clone_from(&args.paths);
+    settings.heuristic = args.heuristic.unwrap_or(settings.heuristic);
     settings
 }

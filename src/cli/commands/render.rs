@@ -1,6 +1,6 @@
 //! `twopass render`: both passes, OUT.exr and OUT.png.
 
-use super::render_settings;
+use super::{method_settings, render_settings};
 use crate::cli::args::{Common, RenderArgs, ToneMapName};
 use crate::cli::exit::Failure;
 use crate::cli::interrupt::Interrupt;
@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use twopass::film::io::{Header, Operator, ToneMap, WriteError, probe_writable, write_exr, write_png};
 use twopass::film::{Film, Layer};
+use twopass::integrator::Method;
 use twopass::integrator::drive::{Budget, Clocks};
 use twopass::load::LoadedScene;
 use twopass::pipeline::keys::StageKeys;
@@ -48,6 +49,9 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     let read_out = settings.read_out()?;
     if args.solution.is_some() {
         check_solution_flags(args, read_out.is_some())?;
+    }
+    if args.methods.paths.is_some() && args.method != Method::Path {
+        return Err(Failure::Usage(format!("--paths: expected --method path; {} carries what it carries", args.method.name())));
     }
     let mut job = Job { common, args, settings, targets, interrupt: &interrupt };
     let watch = Stopwatch::start();
@@ -100,6 +104,7 @@ fn settings(common: &Common, args: &RenderArgs) -> RenderSettings {
         size: args.size.map(|s| (s.width, s.height)),
         crop: args.crop.map(|c| c.0),
         budget: Budget { spp: args.spp, time: args.time, cpu_time: args.cpu_time, error: args.error },
+        methods: method_settings(&args.methods),
         ..render_settings(common, &args.pass_one, Some(&args.pass_two))
     }
 }
@@ -158,6 +163,15 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
     report::set(run_report, "max_depth", depth);
     report::set(run_report, "gather_rays", settings.gather_rays);
+    report::set(run_report, "ambient", args.methods.ambient);
+    report::set(run_report, "photons", args.methods.photons);
+    report::set(run_report, "ambient_bounces", args.methods.ambient_bounces);
+    report::set(run_report, "ambient_accuracy", args.methods.ambient_accuracy);
+    report::set(run_report, "ambient_divisions", args.methods.ambient_divisions);
+    report::set(run_report, "chains", args.methods.chains);
+    report::set(run_report, "large_steps", args.methods.large_steps);
+    report::set(run_report, "paths", args.methods.paths.as_ref().map(|p| p.text().to_owned()));
+    report::set(run_report, "heuristic", args.methods.heuristic.map(|h| h.name()));
     report::set_pass_one(run_report, &args.pass_one);
 }
 

@@ -5,10 +5,12 @@
 //! irradiance as the diffuse part of its own shape accepts it, so it is read on that shape only; and a cache is made before the pass
 //! that reads it and never changes while it is read, which makes pictures independent of threads.
 
+mod bounces;
 mod fill;
 mod gather;
 pub(super) mod grid;
 
+pub use bounces::{Below, BounceSettings};
 pub use fill::FillSettings;
 pub(super) use fill::Gap;
 

@@ -1,0 +1,153 @@
+//! Irradiance caching without a first pass, as in Radiance [Ward88]: light between diffuse surfaces is gathered at few points, and what
+//! gather rays meet is lit by shadow rays and by the records of the bounce before.
+//!
+//! Records carry gradients [Ward92] and are clamped to what their neighbours see. Each bounce has a cache of its own, made from the last
+//! bounce to the first, so that nothing depends on the order in which threads ask. Rounds of passes, each twice as long, make the
+//! caches anew with more and better records.
+
+use super::irradiance_cache::{Below, BounceSettings, FillSettings, IrradianceCache};
+use super::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass};
+use crate::film::PixelSample;
+use crate::math::sampler::mix;
+use crate::world::World;
+use crate::world::walk::RayCounts;
+
+/// Passes of the first round: one for each half.
+const FIRST_PASSES: u32 = 2;
+/// Closest and farthest records of the first round, in pixels as seen.
+const FIRST_CLOSEST: f64 = 3.0;
+const FARTHEST: f32 = 32.0;
+/// Closest records of any round in pixels.
+const LEAST_CLOSEST: f64 = 0.25;
+/// Gather rays of the first bounce's caches of a round for each camera sample of that round.
+const FILL_SHARE: f64 = 1.0;
+/// Closest and farthest records of later bounces over the scene's diagonal.
+const BOUNCE_REACH: [f32; 2] = [1.0 / 64.0, 1.0 / 8.0];
+/// Rays of their records over those of the first bounce.
+const BOUNCE_RAYS: f64 = 0.5;
+
+/// How Radiance's method works.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AmbientSettings {
+    /// Reflections between diffuse surfaces that are followed (Radiance's -ab).
+    pub bounces: u32,
+    /// Reach of a record over the mean distance that it sees, in the first round (-aa).
+    pub accuracy: f64,
+    /// Rays of a record in the first round (-ad).
+    pub divisions: u32,
+}
+
+impl Default for AmbientSettings {
+    /// Six bounces leave 3 % of the light between grey surfaces that reflect one half, and it was half indirect to begin with.
+    fn default() -> Self {
+        Self { bounces: 6, accuracy: 0.4, divisions: 64 }
+    }
+}
+
+/// Rounds of passes with their caches.
+pub struct AmbientCaching<'a> {
+    world: &'a World,
+    settings: IntegratorSettings,
+    ambient: AmbientSettings,
+    round: u32,
+    round_end: u32,
+    /// Of each half: the first bounce's cache, and the one below it.
+    caches: [Option<(IrradianceCache, Option<IrradianceCache>)>; 2],
+    accuracy: f64,
+}
+
+impl<'a> AmbientCaching<'a> {
+    /// On a scene.
+    pub fn new(world: &'a World, settings: IntegratorSettings, ambient: AmbientSettings) -> Self {
+        let read_out = if ambient.bounces == 0 { ReadOut::DirectStored } else { ReadOut::FinalGather };
+        Self {
+            world,
+            settings: IntegratorSettings { read_out, ..settings },
+            ambient,
+            round: 0,
+            round_end: FIRST_PASSES,
+            caches: [None, None],
+            accuracy: ambient.accuracy,
+        }
+    }
+
+    /// How much finer than in the first round.
+    fn finer(&self) -> f64 {
+        2.0_f64.sqrt().powi(self.round.min(40) as i32)
+    }
+
+    fn rays(&self) -> f64 {
+        f64::from(self.ambient.divisions) * self.finer().sqrt()
+    }
+
+    /// Rays that the first bounce of one half may cost in this round.
+    fn most_rays(&self, frame: &Frame) -> u64 {
+        let passes = f64::from(FIRST_PASSES) * 2.0_f64.powi(self.round.min(40) as i32);
+        (0.5 * FILL_SHARE * passes * frame.n_pixels() as f64) as u64
+    }
+
+    fn next_round(&mut self, frame: &Frame) {
+        self.round += 1;
+        self.round_end += FIRST_PASSES << self.round.min(24);
+        let made = self.caches.iter().flatten().map(|c| c.0.len()).max();
+        self.caches = [None, None];
+        // As many records as the next budget has rays for: their number goes with the inverse square of the reach.
+        if let Some(made) = made.filter(|m| *m > 0) {
+            let affordable = self.most_rays(frame) as f64 / self.rays();
+            self.accuracy *= (made as f64 / affordable).sqrt().clamp(0.5, 1.0);
+        }
+    }
+
+    fn tracer<'b>(&'b self, cache: Option<&'b IrradianceCache>, below: Option<&'b IrradianceCache>) -> TwoPass<'b> {
+        let below = (self.ambient.bounces > 0).then(|| Below::of(below));
+        TwoPass { world: self.world, field: None, settings: self.settings, cache, caustics: None, ambient: 0.0, below }
+    }
+
+    fn make(&self, frame: &Frame, half: usize, counts: &mut RayCounts) -> (IrradianceCache, Option<IrradianceCache>) {
+        let seed = mix(self.settings.seed ^ mix(0x00a3_b1e7 + u64::from(2 * self.round) + half as u64));
+        let mut below: Option<IrradianceCache> = None;
+        for bounce in (1..self.ambient.bounces).rev() {
+            let settings = BounceSettings {
+                rays: (BOUNCE_RAYS * self.rays()) as u32,
+                accuracy: self.accuracy as f32,
+                reach: BOUNCE_REACH.map(|r| r / self.finer().sqrt() as f32),
+                seed: mix(seed ^ u64::from(bounce)),
+            };
+            below = Some(self.tracer(None, below.as_ref()).fill_bounce(frame, &settings, counts));
+        }
+        let settings = FillSettings {
+            rays: self.rays() as u32,
+            accuracy: self.accuracy as f32,
+            closest: (FIRST_CLOSEST / self.finer()).max(LEAST_CLOSEST) as f32,
+            farthest: FARTHEST,
+            spacing: 1,
+            most_rays: self.most_rays(frame),
+            seed,
+        };
+        let cache = self.tracer(None, below.as_ref()).fill(frame, &settings, counts);
+        // Looking for places cuts paths as well, but none of a camera sample.
+        (counts.truncated, counts.truncated_weight) = (0, 0);
+        (cache, below)
+    }
+}
+
+impl Integrator for AmbientCaching<'_> {
+    fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
+        let mut counts = RayCounts::default();
+        if self.ambient.bounces == 0 {
+            return self.tracer(None, None).pass(frame, index);
+        }
+        if index >= self.round_end {
+            self.next_round(frame);
+        }
+        let half = (index % 2) as usize;
+        if self.caches[half].is_none() {
+            self.caches[half] = Some(self.make(frame, half, &mut counts));
+        }
+        let caches = self.caches[half].as_ref();
+        let mut tracer = self.tracer(caches.map(|c| &c.0), caches.and_then(|c| c.1.as_ref()));
+        let (samples, of_pass) = tracer.pass(frame, index);
+        counts += of_pass;
+        (samples, counts)
+    }
+}

@@ -1,0 +1,301 @@
+//! Random walks from the camera and from the lights, with what their weights need.
+//!
+//! Each vertex carries two sums over all other ways to make the path so far ([Georgiev12], technical report, equations 31 to
+//! 36), so that the weight of a connection costs the same however long the path is. Ideal events stay inside the sums; what goes straight on
+//! (masks, plates) is no vertex at all, since shadow rays pass there as well.
+
+use super::Heuristic;
+use crate::geometry::Ray;
+use crate::math::{Rgb, Sampler, Vec3};
+use crate::world::sight::Origin;
+use crate::world::walk::RayCounts;
+use crate::world::{Departures, Shading, SurfaceInteraction, World};
+use std::f64::consts::FRAC_1_PI;
+
+/// From this many edges on a walk from the camera or from a lamp goes on with a probability equal to its throughput.
+const ROULETTE_DEPTH: [u32; 2] = [5, 2];
+/// No walk goes on with a higher probability.
+const MOST_SURVIVAL: f64 = 0.95;
+/// Cosines are taken to be no smaller: densities stay finite.
+const LEAST_COSINE: f64 = 1e-9;
+/// Straight passages between two vertices, at most.
+const MOST_PLATES: u32 = 32;
+
+/// What flows along a walk, seen from its start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Carried {
+    /// Importance leaves the camera: light comes against the walk.
+    Radiance,
+    /// Light leaves a lamp: it goes with the walk.
+    Light,
+}
+
+/// A surface point of a walk.
+#[derive(Debug, Clone, Copy)]
+pub struct Vertex {
+    /// The point, seen from the vertex before it.
+    pub si: SurfaceInteraction,
+    /// From the camera: radiance there over radiance that leaves here. From a lamp: power on arrival over the arriving ray's geometric
+    /// cosine, which [`Vertex::scatter`] takes up.
+    pub throughput: Rgb,
+    /// Recursive sums: the way that would connect here, and all ways beyond.
+    pub d_vcm: f64,
+    /// See `d_vcm`.
+    pub d_vc: f64,
+    /// Edges from the start.
+    pub edges: u32,
+    /// Vertices before this one that were not ideal.
+    pub scattered: u32,
+    /// True if an ideal event led here.
+    pub by_ideal: bool,
+    /// True if the first surface from the start was ideal.
+    pub began_ideal: bool,
+    /// Reflectance of a plain Lambertian surface.
+    plain: Option<Rgb>,
+}
+
+/// What a vertex does with light between the vertex before it and a direction.
+#[derive(Debug, Clone, Copy)]
+pub struct Scattered {
+    /// f |cos| as the path tracer has it, from the camera's side; of a light walk times the ratio of geometric cosines that shading
+    /// normals leave aside ([Veach97], section 5.3).
+    pub response: Rgb,
+    /// Density with which the walk takes the direction [1/sr].
+    pub forward: f64,
+    /// Density with which a walk that comes from there goes back [1/sr].
+    pub reverse: f64,
+}
+
+impl Vertex {
+    /// The vertex's part in a path that goes on along the unit vector `toward`.
+    #[inline]
+    pub fn scatter(&self, world: &World, carried: Carried, toward: Vec3) -> Scattered {
+        let si = &self.si;
+        let dark = Scattered { response: Rgb::BLACK, forward: 0.0, reverse: 0.0 };
+        let (out, back) = (si.ng.dot(toward), si.ng.dot(si.wo));
+        let (cos_out, cos_in) = (f64::from(out.abs()), f64::from(back.abs()).max(LEAST_COSINE));
+        if let Some(rho) = self.plain {
+            if out <= 0.0 {
+                return dark;
+            }
+            // Seen from where it came, and from where it goes.
+            let forward = f64::from(si.shading_normal(si.wo).dot(toward)).max(0.0) * FRAC_1_PI;
+            let reverse = f64::from(si.shading_normal(toward).dot(si.wo)).max(0.0) * FRAC_1_PI;
+            let response = match carried {
+                Carried::Radiance => rho * forward,
+                Carried::Light => rho * (reverse * cos_out / cos_in),
+            };
+            return Scattered { response, forward, reverse };
+        }
+        let here = world.shading(si);
+        let turned = si.seen_from(toward);
+        let there = world.shading(&turned);
+        let response = match carried {
+            Carried::Radiance => here.eval(toward).total(),
+            Carried::Light => there.eval(si.wo).total() * (cos_out / cos_in),
+        };
+        if response.is_black() {
+            return dark;
+        }
+        Scattered { response, forward: here.pdf(toward), reverse: there.pdf(si.wo) }
+    }
+}
+
+/// Where a camera walk's last edge started, for light that it meets.
+#[derive(Debug, Clone, Copy)]
+pub struct LastEdge {
+    /// Sums before the edge.
+    pub d_vcm: f64,
+    /// See `d_vcm`.
+    pub d_vc: f64,
+    /// The vertex it started from, unless that is the camera or ideal.
+    pub origin: Option<Origin>,
+    /// Edges with this one.
+    pub edges: u32,
+    /// Vertices that were not ideal.
+    pub scattered: u32,
+    /// Radiance at the camera over radiance along the edge.
+    pub throughput: Rgb,
+    /// True if an ideal event was its start.
+    pub by_ideal: bool,
+}
+
+/// What a walk meets, handed to its visitor.
+pub enum Met<'a> {
+    /// A surface: the vertex, its material seen from the vertex before, the last edge.
+    Surface(&'a Vertex, &'a Shading<'a>, &'a LastEdge),
+    /// The outside, along the unit direction.
+    Outside(Vec3, &'a LastEdge),
+}
+
+/// A walk under way.
+pub struct Walk<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// How the ways to make a path share it.
+    pub heuristic: Heuristic,
+    /// What flows.
+    pub carried: Carried,
+}
+
+/// The start of a walk.
+pub struct Start {
+    /// First ray.
+    pub ray: Ray,
+    /// What the ray carries.
+    pub throughput: Rgb,
+    /// Sums before the first edge; of a light walk they are made at its first surface.
+    pub d_vcm: f64,
+    /// See `d_vcm`.
+    pub d_vc: f64,
+}
+
+impl Walk<'_> {
+    /// Walks until light is absorbed or `most_edges` are walked. `begin` may set the sums and the throughput of the first vertex, once it
+    /// is known.
+    pub fn go(
+        &self,
+        start: Start,
+        most_edges: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        begin: impl Fn(&mut Vertex, &Shading<'_>),
+        mut visit: impl FnMut(Met<'_>, &mut Sampler, &mut RayCounts),
+    ) {
+        let mis = |x: f64| self.heuristic.of(x);
+        let mut ray = start.ray;
+        let first = start.throughput.max();
+        let mut edge = LastEdge {
+            d_vcm: start.d_vcm,
+            d_vc: start.d_vc,
+            origin: None,
+            edges: 1,
+            scattered: 0,
+            throughput: start.throughput,
+            by_ideal: false,
+        };
+        let mut began_ideal = false;
+        // Where the last vertex was: straight passages leave it alone.
+        let mut from = ray.origin;
+        let mut eta = 1.0;
+        let mut plates = 0;
+        while edge.edges <= most_edges {
+            let Some(si) = self.world.intersect(&ray) else {
+                visit(Met::Outside(ray.direction, &edge), sampler, counts);
+                return;
+            };
+            let shading = self.world.shading(&si);
+            let cos_in = f64::from(si.ng.dot(si.wo).abs()).max(LEAST_COSINE);
+            let d2 = f64::from(si.point.distance_squared(from));
+            let mut vertex = Vertex {
+                si,
+                throughput: edge.throughput,
+                d_vcm: edge.d_vcm * mis(d2) / mis(cos_in),
+                d_vc: edge.d_vc / mis(cos_in),
+                edges: edge.edges,
+                scattered: edge.scattered,
+                by_ideal: edge.by_ideal,
+                began_ideal,
+                plain: shading.plain(),
+            };
+            if self.carried == Carried::Light && edge.edges == 1 {
+                begin(&mut vertex, &shading);
+            }
+            visit(Met::Surface(&vertex, &shading, &edge), sampler, counts);
+
+            let u = sampler.next_2d();
+            let choice = if shading.material.needs_choice() { sampler.next_1d() } else { 0.0 };
+            let Some(next) = shading.sample(u, choice) else { return };
+            let mut throughput = edge.throughput;
+            if next.straight {
+                // No vertex: the edge goes on, and what was in its way takes its share.
+                plates += 1;
+                if plates > MOST_PLATES {
+                    return;
+                }
+                edge.throughput = throughput * next.weight;
+                ray = si.spawn(next.direction);
+                continue;
+            }
+            plates = 0;
+            let cos_out = f64::from(si.ng.dot(next.direction).abs());
+            match next.density {
+                None => {
+                    let factor = match self.carried {
+                        Carried::Radiance => Rgb::WHITE,
+                        // Power has no n² scaling; bent normals take and give by their cosines.
+                        Carried::Light => {
+                            let n = shading.normal();
+                            let bent = f64::from((n.dot(si.wo) / n.dot(next.direction)).abs()) * cos_out / cos_in;
+                            Rgb::grey(next.eta * next.eta * if bent.is_finite() { bent } else { 0.0 })
+                        }
+                    };
+                    throughput *= next.weight * factor;
+                    edge.d_vcm = 0.0;
+                    edge.d_vc = vertex.d_vc * mis(cos_out);
+                    edge.origin = None;
+                    began_ideal |= edge.edges == 1;
+                }
+                Some(density) => {
+                    let scattered = vertex.scatter(self.world, self.carried, next.direction);
+                    throughput *= match self.carried {
+                        Carried::Radiance => next.weight,
+                        Carried::Light => scattered.response / density,
+                    };
+                    edge.d_vc = mis(cos_out / density) * (vertex.d_vc * mis(scattered.reverse) + vertex.d_vcm);
+                    edge.d_vcm = mis(1.0 / density);
+                    edge.scattered += 1;
+                    let sampling = Shading::IN_PASSING;
+                    edge.origin = Some(Origin { point: si.point, receiver: shading.receiver(), density, sampling });
+                }
+            }
+            eta *= next.eta;
+            edge.by_ideal = next.density.is_none();
+            edge.edges += 1;
+            edge.throughput = throughput;
+            if throughput.is_black() || !throughput.is_finite() {
+                return;
+            }
+            if edge.edges > ROULETTE_DEPTH[self.carried as usize] {
+                let scale = if self.carried == Carried::Radiance { eta * eta } else { 1.0 / first };
+                let survival = (throughput.max() * scale).min(MOST_SURVIVAL);
+                if f64::from(sampler.next_1d()) >= survival {
+                    return;
+                }
+                edge.throughput = throughput / survival;
+            }
+            if next.direction.dot(si.ng) < 0.0 {
+                counts.transmitted += 1;
+            } else {
+                counts.reflected += 1;
+            }
+            from = si.point;
+            ray = si.spawn(next.direction);
+        }
+        if self.carried == Carried::Radiance {
+            counts.truncate(edge.throughput);
+        }
+    }
+}
+
+/// A light walk's start, and what makes its first vertex comparable with shadow rays.
+pub fn depart(world: &World, departures: &Departures, sampler: &mut Sampler) -> Option<(Start, crate::world::Departure)> {
+    let departure = departures.sample(world, sampler)?;
+    Some((Start { ray: departure.ray, throughput: departure.power, d_vcm: 0.0, d_vc: 0.0 }, departure))
+}
+
+/// Sets the sums of a light walk's first vertex.
+pub fn begin_light(
+    world: &World,
+    heuristic: Heuristic,
+    departure: &crate::world::Departure,
+    vertex: &mut Vertex,
+    shading: &Shading<'_>,
+) {
+    let cos_in = f64::from(vertex.si.ng.dot(vertex.si.wo).abs()).max(LEAST_COSINE);
+    let sampling = Shading::IN_PASSING;
+    let origin = Origin { point: vertex.si.point, receiver: shading.receiver(), density: 0.0, sampling };
+    let shadow = departure.shadow_density(world, &origin);
+    vertex.d_vcm = heuristic.of(shadow / (departure.density * cos_in));
+    vertex.d_vc = if departure.is_delta { 0.0 } else { heuristic.of(1.0 / (departure.density * cos_in)) };
+}

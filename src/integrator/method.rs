@@ -1,0 +1,265 @@
+//! The closed list of methods, and what is to be said of each.
+
+use super::ambient::{AmbientCaching, AmbientSettings};
+use super::bidirectional::{Bidirectional, Heuristic};
+use super::light_tracer::LightTracer;
+use super::metropolis::{Metropolis, MetropolisSettings};
+use super::photon::{PhotonMapper, Sppm};
+use super::{Integrator, IntegratorSettings, PathFilter, ReadOut, TwoPass, path, radiosity_view};
+use crate::radiosity::RadiosityField;
+use crate::world::World;
+use serde::{Deserialize, Serialize};
+
+/// The closed list of methods.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Both passes, final gather (the default).
+    TwoPass,
+    /// Both passes as in the classic papers: Whitted's recursion, shadow rays, stored radiosity.
+    TwoPassWhitted,
+    /// Pass two alone: Whitted's recursion and shadow rays.
+    WhittedOnly,
+    /// Pass one alone.
+    Radiosity,
+    /// Path tracing: no first pass.
+    Path,
+    /// Particles from the lamps.
+    Light,
+    /// Walks from both ends.
+    Bidirectional,
+    /// Final gather over photon maps.
+    PhotonMap,
+    /// Photons anew in each pass, on shrinking disks.
+    Sppm,
+    /// Irradiance caching of bounce upon bounce, without a first pass.
+    IrradianceCache,
+    /// Chains of paths.
+    Metropolis,
+}
+
+/// What becomes of a method's error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// Some of it stays, however long it runs.
+    Biased,
+    /// All of it vanishes in the limit.
+    Consistent,
+    /// It is zero in the mean of many runs, however short they are.
+    Unbiased,
+}
+
+impl ErrorKind {
+    /// As the table has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            ErrorKind::Biased => "biased",
+            ErrorKind::Consistent => "consistent",
+            ErrorKind::Unbiased => "unbiased",
+        }
+    }
+}
+
+/// A method's row in the table of `--list-methods`.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// Light paths carried, as a pattern in Heckbert's notation [Heckbert90]: L lamp, D diffuse or rough, S ideal, E eye.
+    pub paths: &'static str,
+    /// What becomes of its error.
+    pub error: ErrorKind,
+    /// True if what costs most holds for any view.
+    pub view_independent: bool,
+    /// One sentence.
+    pub about: &'static str,
+    /// Who published it, as keys of `REFERENCES.md`.
+    pub citation: &'static str,
+}
+
+impl Method {
+    /// All methods, in the order of `--list-methods`.
+    pub const ALL: [Method; 11] = [
+        Method::TwoPass,
+        Method::TwoPassWhitted,
+        Method::WhittedOnly,
+        Method::Radiosity,
+        Method::Path,
+        Method::Light,
+        Method::Bidirectional,
+        Method::PhotonMap,
+        Method::Sppm,
+        Method::IrradianceCache,
+        Method::Metropolis,
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// What is to be said of it.
+    pub fn row(self) -> Row {
+        let row =
+            |name, paths, error, view_independent, about, citation| Row { name, paths, error, view_independent, about, citation };
+        use ErrorKind::{Biased, Consistent, Unbiased};
+        match self {
+            Method::TwoPass => row(
+                "two-pass",
+                "L(S|D)*E",
+                Biased,
+                false,
+                "radiosity, then shadow rays and an irradiance cache that gathers it, both refined as time passes",
+                "Wallace87, Ward88",
+            ),
+            Method::TwoPassWhitted => row(
+                "two-pass-whitted",
+                "L(S|D)*E",
+                Biased,
+                true,
+                "radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches",
+                "Wallace87, Sillion89",
+            ),
+            Method::WhittedOnly => row(
+                "whitted-only",
+                "LD?S*E",
+                Biased,
+                false,
+                "Whitted's recursion with shadow rays; all other light is a constant, 0 by default",
+                "Whitted80",
+            ),
+            Method::Radiosity => row(
+                "radiosity",
+                "LD*E",
+                Biased,
+                true,
+                "pass one alone, interpolated between its patches; mirrors and glass are black",
+                "Goral84, Cohen85",
+            ),
+            Method::Path => row(
+                "path",
+                "L(S|D)*E",
+                Unbiased,
+                false,
+                "one random path a sample, no first pass; poor at caustics of small lamps",
+                "Kajiya86, Veach95",
+            ),
+            Method::Light => row(
+                "light",
+                "L((S|D)*D)?E",
+                Unbiased,
+                false,
+                "particles from the lamps, seen by the camera where they meet surfaces; what mirrors and glass show is black",
+                "Dutre93",
+            ),
+            Method::Bidirectional => row(
+                "bidirectional",
+                "L(S|D)*E",
+                Unbiased,
+                false,
+                "walks from camera and lamps, every vertex of one connected with each of the other",
+                "Lafortune93, Veach97, Georgiev12",
+            ),
+            Method::PhotonMap => row(
+                "photon-map",
+                "L(S|D)*E",
+                Biased,
+                true,
+                "maps of photons, of all and of caustics; shadow rays and final gather; more photons as time passes",
+                "Jensen96, Christensen99",
+            ),
+            Method::Sppm => row(
+                "sppm",
+                "L(S|D)*E",
+                Consistent,
+                false,
+                "new photons in each pass, on disks that shrink; shadow rays",
+                "Hachisuka09, Knaus11",
+            ),
+            Method::IrradianceCache => row(
+                "irradiance-cache",
+                "L(S|D)*E",
+                Biased,
+                false,
+                "irradiance gathered at few points, bounce upon bounce, no first pass: the way of Radiance",
+                "Ward88, Ward92",
+            ),
+            Method::Metropolis => row(
+                "metropolis",
+                "L(S|D)*E",
+                Unbiased,
+                false,
+                "chains of paths made as by bidirectional, each a small change of the one before",
+                "Veach97, Kelemen02, Hachisuka14",
+            ),
+        }
+    }
+
+    /// The read-out it uses unless told otherwise; `None` if it has no first pass to read.
+    pub fn read_out(self) -> Option<ReadOut> {
+        match self {
+            Method::TwoPass => Some(ReadOut::Progressive),
+            Method::TwoPassWhitted => Some(ReadOut::DirectStored),
+            Method::Radiosity => Some(ReadOut::Stored),
+            Method::WhittedOnly
+            | Method::Path
+            | Method::Light
+            | Method::Bidirectional
+            | Method::PhotonMap
+            | Method::Sppm
+            | Method::IrradianceCache
+            | Method::Metropolis => None,
+        }
+    }
+
+    /// True if another read-out of pass one may be chosen.
+    pub fn has_read_outs(self) -> bool {
+        matches!(self, Method::TwoPass | Method::TwoPassWhitted)
+    }
+
+    /// True if its form factors carry light by way of mirrors and glass.
+    pub fn extends_form_factors(self) -> bool {
+        self != Method::Radiosity
+    }
+
+    /// The method at work on a scene. `field` is there if the method reads one and some path is long enough to need it.
+    pub fn integrator<'a>(
+        self,
+        world: &'a World,
+        field: Option<&'a RadiosityField>,
+        settings: IntegratorSettings,
+        methods: &MethodSettings,
+    ) -> Box<dyn Integrator + 'a> {
+        let ambient = methods.ambient;
+        let whitted = |settings| Box::new(TwoPass { world, field, settings, cache: None, caustics: None, ambient, below: None });
+        match self {
+            Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
+            Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
+            Method::Radiosity => Box::new(radiosity_view::RadiosityView::new(world, field, settings)),
+            Method::Path => Box::new(path::PathTracer { world, settings, filter: methods.paths.clone() }),
+            Method::Light => Box::new(LightTracer::new(world, settings)),
+            Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),
+            Method::PhotonMap => Box::new(PhotonMapper::new(world, settings, methods.photons)),
+            Method::Metropolis => Box::new(Metropolis::new(world, settings, methods.heuristic, methods.metropolis)),
+            Method::IrradianceCache => Box::new(AmbientCaching::new(world, settings, methods.ambient_cache)),
+            Method::Sppm => Box::new(Sppm::new(world, settings, methods.photons)),
+        }
+    }
+}
+
+/// What only single methods know.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MethodSettings {
+    /// Of whitted-only: irradiance over pi [W/(m² sr)] that stands for all light between surfaces.
+    pub ambient: f64,
+    /// Of bidirectional: how the ways to make a path share it.
+    pub heuristic: Heuristic,
+    /// Of photon-map and sppm: photons that leave the lamps, in the first round and in each pass; `None`: one for each pixel.
+    pub photons: Option<u32>,
+    /// Of irradiance-cache.
+    pub ambient_cache: AmbientSettings,
+    /// Of metropolis.
+    pub metropolis: MetropolisSettings,
+    /// Of path: which light paths count; `None`: all.
+    pub paths: Option<PathFilter>,
+}
