@@ -8,7 +8,7 @@ mod form_factors;
 pub use form_factors::{FormFactorsArgs, GroupingName};
 
 use super::values::{
-    Crop, Define, Depth, Size, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_method,
+    Crop, Define, Depth, Size, parse_bytes, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_method,
     parse_positive, parse_read_out, parse_sampler, parse_solver, parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
@@ -65,9 +65,9 @@ pub struct Common {
     /// Let the scene read files below this folder too; may be given more than once
     #[arg(long, global = true, value_name = "DIR", help_heading = "Common options")]
     pub allow_path: Vec<PathBuf>,
-    /// Not delivered yet
-    #[arg(long, global = true, hide = true)]
-    pub max_memory: Option<String>,
+    /// Refuse a first pass that would take more memory than this, before it is taken; default: the memory of the machine
+    #[arg(long, global = true, value_name = "BYTES[K|M|G]", value_parser = parse_bytes, help_heading = "Common options")]
+    pub max_memory: Option<u64>,
     /// Not delivered yet
     #[arg(long, global = true, hide = true)]
     pub plan: Option<String>,
@@ -362,18 +362,16 @@ impl Args {
     /// What was asked for that this version does not do yet or does not know: a sentence for the user.
     pub fn not_delivered(&self) -> Option<String> {
         let common = &self.common;
-        first_given(&[("--max-memory", common.max_memory.is_some()), ("--plan", common.plan.is_some())]).or_else(|| {
-            match self.command.as_ref()? {
-                Command::Render(args) => args.not_delivered(),
-                Command::Solve(args) => {
-                    let given = [("solve --output", args.output.is_some())];
-                    first_given(&given)
-                }
-                Command::Probe(_) => None,
-                Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
-                Command::FormFactors(_) => None,
-                Command::Serve(_) => Some(later("the subcommand serve")),
+        first_given(&[("--plan", common.plan.is_some())]).or_else(|| match self.command.as_ref()? {
+            Command::Render(args) => args.not_delivered(),
+            Command::Solve(args) => {
+                let given = [("solve --output", args.output.is_some())];
+                first_given(&given)
             }
+            Command::Probe(_) => None,
+            Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
+            Command::FormFactors(_) => None,
+            Command::Serve(_) => Some(later("the subcommand serve")),
         })
     }
 }
@@ -445,7 +443,6 @@ mod tests {
         let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
         for (line, name) in [
             ("twopass render a.xml --plan full", "--plan"),
-            ("twopass info a.xml --max-memory 1G", "--max-memory"),
             ("twopass render a.xml --solution a.sol", "--solution"),
             ("twopass render a.xml --light lamp=2", "--light"),
             ("twopass render a.xml --resume", "--resume"),

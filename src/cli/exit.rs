@@ -125,7 +125,9 @@ impl Failure {
             Failure::Picture(ReadError { kind: ReadErrorKind::TooLarge { .. }, .. }) | Failure::Limit(_) => LIMIT,
             Failure::Picture(_) | Failure::Metrics(_) | Failure::Table { .. } | Failure::Plan(_) | Failure::Input { .. } => INPUT,
             Failure::Pipeline(error) => match error {
-                PipelineError::Accel(AccelError::TooManyPrimitives { .. }) | PipelineError::Patch(_) => LIMIT,
+                PipelineError::Accel(AccelError::TooManyPrimitives { .. })
+                | PipelineError::Patch(_)
+                | PipelineError::Memory { .. } => LIMIT,
                 PipelineError::Accel(_) | PipelineError::Crop(..) | PipelineError::NoFirstPass(_) => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Stopped => INTERNAL,

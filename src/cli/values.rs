@@ -96,6 +96,25 @@ pub fn parse_method(text: &str) -> Result<Method, String> {
     Method::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
+/// Parses a number of bytes; K, M and G stand for 1024 and its powers.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 1 << 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 1 << 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 1 << 30),
+        _ => (text, 1_u64),
+    };
+    let bytes = digits.parse::<u64>().ok().filter(|n| *n > 0).and_then(|n| n.checked_mul(unit));
+    bytes.ok_or_else(|| "expected a number of bytes above 0, with K, M or G behind it if you like".to_owned())
+}
+
+/// Bytes of memory that this machine has, as far as it tells.
+pub fn physical_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+}
+
 /// Parses the name of a method of form factors.
 pub fn parse_form_factors(text: &str) -> Result<FormFactorMethod, String> {
     let names = FormFactorMethod::ALL.map(FormFactorMethod::name).join(", ");
@@ -167,6 +186,17 @@ mod tests {
     fn defines_keep_what_follows_the_first_equals_sign() {
         assert_eq!("a=b=c".parse(), Ok(Define { name: "a".into(), value: "b=c".into() }));
         assert!("a".parse::<Define>().is_err() && "=1".parse::<Define>().is_err());
+    }
+
+    /// 1 G = 1024³ bytes.
+    #[test]
+    fn numbers_of_bytes() {
+        for (text, want) in [("512", 512), ("4K", 4096), ("3m", 3 << 20), ("6G", 6 << 30)] {
+            assert_eq!(parse_bytes(text), Ok(want), "{text}");
+        }
+        for bad in ["", "G", "0", "-1", "1.5G", "1T", "99999999999999999999", "18446744073709551615K"] {
+            assert!(parse_bytes(bad).is_err(), "{bad}");
+        }
     }
 
     #[test]

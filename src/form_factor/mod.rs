@@ -7,6 +7,7 @@ pub mod blockers;
 pub mod hemicube;
 pub mod hierarchy;
 pub mod matrix;
+pub mod memory;
 pub mod method;
 pub mod outside;
 pub mod pairs;

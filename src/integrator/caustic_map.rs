@@ -14,6 +14,7 @@ use crate::world::{Shading, SurfaceInteraction, World};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_1_PI, PI};
+use std::ops::ControlFlow;
 
 /// Longest chain of ideal lobes.
 const LONGEST: u32 = 64;
@@ -148,6 +149,7 @@ impl CausticMap {
             if x < 1.0 && p.shape == si.shape && p.normal.dot(si.ng) > 0.5 {
                 sum += p.power * f64::from(1.0 - x) * shading.acceptance(p.direction);
             }
+            ControlFlow::Continue(())
         });
         sum
     }

@@ -2,7 +2,7 @@
 
 use super::cells::Cells;
 use super::projected::{Faces, Seen};
-use super::{LightHit, LightSample};
+use super::{LightHit, LightSample, Receiver};
 use crate::geometry::{Bounds, Mesh, Sphere, offset_origin, triangle};
 use crate::material::Texture;
 use crate::math::{CompensatedSum, DVec2, Frame, Rgb, Vec2, Vec3, warp};
@@ -143,13 +143,12 @@ impl AreaLight {
         self.mean * (PI * self.area)
     }
 
-    /// A point of the surface: for a few triangles of constant radiance by the projected solid angle in the sky of a receiver with normal
-    /// `receiver` (`None`: one that faces all ways), for others by the power of their parts; for a sphere seen from outside by solid
-    /// angle.
+    /// A point of the surface: for a few triangles of constant radiance by the projected solid angle in the sky of the receiver, for others
+    /// by the power of their parts; for a sphere seen from outside by solid angle.
     #[inline]
-    pub fn sample(&self, point: Vec3, receiver: Option<Vec3>, u: Vec2) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, receiver: impl Into<Receiver>, u: Vec2) -> Option<LightSample> {
         match &self.emitter {
-            Emitter::Triangles { corners, uvs, .. } => match self.seen_from(point, receiver) {
+            Emitter::Triangles { corners, uvs, .. } => match self.seen_from(point, receiver.into()) {
                 Some(seen) => self.sample_seen(&seen, u),
                 None => self.sample_triangles(point, u, corners, uvs),
             },
@@ -160,7 +159,7 @@ impl AreaLight {
     /// Density per steradian with which [`AreaLight::sample`] from `point` for `receiver` finds the direction that meets this light at
     /// `hit`.
     #[inline]
-    pub fn pdf(&self, point: Vec3, receiver: Option<Vec3>, direction: Vec3, hit: &LightHit) -> f64 {
+    pub fn pdf(&self, point: Vec3, receiver: impl Into<Receiver>, direction: Vec3, hit: &LightHit) -> f64 {
         match &self.emitter {
             Emitter::Triangles { corners, .. } => {
                 let Some(&[a, b, c]) = corners.get(hit.primitive as usize) else { return 0.0 };
@@ -170,7 +169,7 @@ impl AreaLight {
                 if cos <= 0.0 {
                     return 0.0;
                 }
-                if let Some(seen) = self.seen_from(point, receiver) {
+                if let Some(seen) = self.seen_from(point, receiver.into()) {
                     return seen.pdf(direction, hit.primitive as usize);
                 }
                 let cell = if self.cells.per_edge == 1 { 0 } else { self.cells.index_of(weights_at(hit.position, [a, b, c])) };
@@ -196,7 +195,7 @@ impl AreaLight {
 
     /// Its faces in the sky of a receiver; `None`: points are sampled by area.
     #[inline]
-    fn seen_from(&self, point: Vec3, receiver: Option<Vec3>) -> Option<Seen<'_>> {
+    fn seen_from(&self, point: Vec3, receiver: Receiver) -> Option<Seen<'_>> {
         self.faces.as_ref().and_then(|faces| faces.seen_from(point, receiver))
     }
 

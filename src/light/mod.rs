@@ -62,11 +62,26 @@ pub enum Light {
     Environment(Arc<Environment>),
 }
 
+/// What a sample of a light is for.
+#[derive(Debug, Clone, Copy)]
+pub struct Receiver {
+    /// Unit normal of the one side that receives; `None`: both do.
+    pub normal: Option<Vec3>,
+    /// True if other randomness than that of the sample decides the result, as after a bounce: lamps that are not close are then sampled
+    /// in a cheaper way.
+    pub in_passing: bool,
+}
+
+impl From<Option<Vec3>> for Receiver {
+    fn from(normal: Option<Vec3>) -> Self {
+        Self { normal, in_passing: false }
+    }
+}
+
 impl Light {
-    /// A sample of the light as seen from `point` by a receiver whose one receiving side has the unit normal `receiver` (`None`: both
-    /// sides receive); `None` where the light cannot reach, visibility aside.
+    /// A sample of the light as seen from `point`; `None` where the light cannot reach, visibility aside.
     #[inline]
-    pub fn sample(&self, point: Vec3, receiver: Option<Vec3>, u: Vec2) -> Option<LightSample> {
+    pub fn sample(&self, point: Vec3, receiver: impl Into<Receiver>, u: Vec2) -> Option<LightSample> {
         match self {
             Light::Area(light) => light.sample(point, receiver, u),
             Light::Point(light) => light.sample(point),
@@ -82,7 +97,7 @@ impl Light {
     /// Density per steradian with which [`Light::sample`] from `point` for `receiver` finds `direction`, when a ray that way meets this
     /// light at `hit` (`None`: it leaves the scene); 0 if it cannot be found so, as for lights without extent.
     #[inline]
-    pub fn pdf(&self, point: Vec3, receiver: Option<Vec3>, direction: Vec3, hit: Option<&LightHit>) -> f64 {
+    pub fn pdf(&self, point: Vec3, receiver: impl Into<Receiver>, direction: Vec3, hit: Option<&LightHit>) -> f64 {
         match (self, hit) {
             (Light::Area(light), Some(hit)) => light.pdf(point, receiver, direction, hit),
             (Light::Environment(environment), None) => environment.pdf(direction),

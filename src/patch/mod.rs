@@ -169,6 +169,14 @@ impl PatchMesh {
         Ok(mesh)
     }
 
+    /// Elements that [`Self::build`] will make, from areas alone: each is a patch on one side or on both, and cuts make more of them.
+    pub fn expected(world: &World, settings: &PatchSettings) -> f64 {
+        settings.patch_size.map_or(settings.elements, |size| {
+            let shapes = world.scene().shapes.iter().filter(|s| needs_patches(world, s));
+            shapes.map(|s| s.area()).sum::<f64>() / (size * size)
+        })
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.area.len()

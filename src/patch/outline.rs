@@ -11,6 +11,11 @@ use std::f64::consts::TAU;
 pub type Outline = Vec<DVec3>;
 
 impl PatchMesh {
+    /// Number of pieces that patch `id` consists of: an upper bound on the number of its outlines.
+    pub fn n_pieces(&self, id: PatchId) -> usize {
+        self.elements[self.element_of[id.0 as usize] as usize].pieces.len()
+    }
+
     /// The planar polygons that patch `id` consists of [m]: one for a piece of a triangle, one for each triangle of a group. The cell of a
     /// sphere is replaced by the flat one between its corners, which lies a little below.
     pub fn outlines(&self, world: &World, id: PatchId) -> Vec<Outline> {

@@ -15,6 +15,7 @@ pub use pass_one::{PassOne, PassOneSettings};
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
+use crate::form_factor::FormFactorMethod;
 use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
 use crate::integrator::{Frame, IntegratorSettings, Method, ReadOut};
 use crate::math::SamplerKind;
@@ -113,6 +114,23 @@ pub enum PipelineError {
     /// Too many patches.
     #[error(transparent)]
     Patch(#[from] PatchError),
+    /// Patches and form factors would take more memory than they may.
+    #[error(
+        "pass one over about {patches} patches would take {} MB by {} form factors, more than the {} MB of --max-memory; \
+         larger patches (--patch-size){} take less",
+        predicted / 1_000_000, method.name(), limit / 1_000_000,
+        if *method == FormFactorMethod::Hierarchical { " or a larger --tolerance" } else { " or --form-factors hierarchical" }
+    )]
+    Memory {
+        /// Patches expected, or made.
+        patches: u64,
+        /// Bytes predicted.
+        predicted: u64,
+        /// The limit [bytes].
+        limit: u64,
+        /// How form factors were to be computed.
+        method: FormFactorMethod,
+    },
     /// No solution exists.
     #[error(transparent)]
     Solve(#[from] SolveError),

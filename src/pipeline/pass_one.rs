@@ -1,7 +1,7 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, method};
+use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, memory, method};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, sampler::mix};
 use crate::patch::{PatchId, PatchMesh, PatchSettings};
@@ -26,9 +26,12 @@ pub struct PassOneSettings {
     pub form_factor_tolerance: f64,
     /// The solver.
     pub solver: SolverSettings,
+    /// Most bytes that patches and form factors may take; `None`: whatever they need.
+    pub max_memory: Option<u64>,
 }
 
 impl Default for PassOneSettings {
+    /// Form factors within 0.022: 512 rays a patch.
     fn default() -> Self {
         let form_factors = FormFactorMethod::default();
         Self {
@@ -36,11 +39,21 @@ impl Default for PassOneSettings {
             form_factors,
             form_factor_tolerance: form_factors.default_tolerance(),
             solver: SolverSettings::default(),
+            max_memory: None,
         }
     }
 }
 
 impl PassOneSettings {
+    /// The number of patches, and the bytes that they and their form factors take at most, besides the scene.
+    ///
+    /// # Errors
+    /// If the patches are too many.
+    pub fn predicted(&self, world: &World) -> Result<(usize, u64), PipelineError> {
+        let patches = PatchMesh::build(world, &self.patches)?.len();
+        Ok((patches, memory::predicted(patches as f64, &self.form_factor_settings(0)) as u64))
+    }
+
     /// How form factors are made under `seed`.
     pub fn form_factor_settings(&self, seed: u64) -> FormFactorSettings {
         FormFactorSettings {
@@ -94,9 +107,11 @@ pub fn solve(
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Result<PassOne, PipelineError> {
-    let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
-    stop_if_asked(observer, Stage::Patches)?;
     let how = settings.form_factor_settings(seed);
+    fits(PatchMesh::expected(world, &settings.patches), &how, settings.max_memory)?;
+    let patches = watch.time(Stage::Patches, || PatchMesh::build(world, &settings.patches))?;
+    fits(patches.len() as f64, &how, settings.max_memory)?;
+    stop_if_asked(observer, Stage::Patches)?;
     let gather_rays = how.rays_beside_shadow_rays(world);
     let shadow = watch.time(Stage::PatchDirect, || direct_irradiance(world, &patches, gather_rays, seed, counts));
     stop_if_asked(observer, Stage::PatchDirect)?;
@@ -111,6 +126,18 @@ pub fn solve(
     let field = RadiosityField::new(patches, shadow, gathered, indirect);
     let power = balance(world, &field, &outside);
     Ok(PassOne { field, form_factors, outside, solution, power })
+}
+
+/// Refuses what will not fit, before it is allocated.
+fn fits(patches: f64, how: &FormFactorSettings, limit: Option<u64>) -> Result<(), PipelineError> {
+    let predicted = memory::predicted(patches, how);
+    match limit {
+        Some(limit) if predicted > limit as f64 => {
+            let method = how.method;
+            Err(PipelineError::Memory { patches: patches.round() as u64, predicted: predicted as u64, limit, method })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), PipelineError> {

@@ -39,6 +39,9 @@ const FIRST_RAYS: f64 = 64.0;
 const FIRST_ACCURACY: f64 = 0.4;
 /// Closest records of the first round in pixels.
 const FIRST_CLOSEST: f64 = 3.0;
+/// Rounds in which places for records are looked for at every other pixel of a row and column only. On the Cornell box that saves a quarter
+/// of the time of 4 samples, for an error 1.001 times as large, and a tenth of that of 64, for 1.16 times the error: not worth it there.
+const SPACED_ROUNDS: u32 = 4;
 /// Particles of a caustic map for each ray that its cache may cost.
 const PARTICLE_SHARE: f64 = 0.5;
 /// Most particles that leave the lamps for one map: some 200 MB.
@@ -86,7 +89,7 @@ impl<'a> Progressive<'a> {
     }
 
     fn refines(asked: &PassOneSettings) -> bool {
-        *asked == PassOneSettings { solver: asked.solver, ..PassOneSettings::default() }
+        *asked == PassOneSettings { solver: asked.solver, max_memory: asked.max_memory, ..PassOneSettings::default() }
     }
 
     /// Starts from a first solution, made by [`Self::first_pass_one`], that cost `counts`.
@@ -184,6 +187,7 @@ impl<'a> Progressive<'a> {
             accuracy: self.accuracy as f32,
             closest: (FIRST_CLOSEST / self.finer()).max(LEAST_CLOSEST) as f32,
             farthest: FARTHEST as f32,
+            spacing: if self.round < SPACED_ROUNDS { 2 } else { 1 },
             most_rays: self.most_rays(frame),
             seed: mix(self.seed ^ mix(u64::from(2 * self.round) + half as u64)),
         }

@@ -4,7 +4,7 @@ use super::sight::Origin;
 use super::walk::RayCounts;
 use super::{SurfaceInteraction, World};
 use crate::geometry::Ray;
-use crate::light::{LightHit, LightSample};
+use crate::light::{LightHit, LightSample, Receiver};
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, Vec2, Vec3};
 
@@ -20,12 +20,14 @@ pub struct DirectSampling {
     /// Up to this many lights, each is sampled at every point; from more, as many are picked by their likely contribution. Those
     /// infinitely far away come on top, one sample each.
     pub lights_per_point: usize,
+    /// True after a bounce: see [`Receiver::in_passing`].
+    pub in_passing: bool,
 }
 
 impl Default for DirectSampling {
     /// Four: a light with more than a quarter of the likely contribution is then always among those sampled.
     fn default() -> Self {
-        Self { lights_per_point: 4 }
+        Self { lights_per_point: 4, in_passing: false }
     }
 }
 
@@ -81,8 +83,9 @@ impl World {
         respond: impl Fn(&ShadowRay) -> Scattering,
     ) -> Scattering {
         let mut sum = Scattering::default();
+        let faces = Receiver { normal: receiver, in_passing: sampling.in_passing };
         let mut add = |light: usize, picked: f64, u: Vec2| {
-            let Some(sample) = self.scene.lights[light].sample(si.point, receiver, u) else { return };
+            let Some(sample) = self.scene.lights[light].sample(si.point, faces, u) else { return };
             let surroundings = self.partition.environment() == Some(light);
             let ray = ShadowRay { direction: sample.direction, density: sample.pdf * picked, surroundings };
             let response = respond(&ray);
@@ -161,7 +164,8 @@ impl World {
 
     /// Expected number of shadow rays per steradian from `origin` along `direction` to `light`, which is met at `hit`.
     pub(super) fn light_density(&self, origin: &Origin, light: usize, direction: Vec3, hit: Option<&LightHit>) -> f64 {
-        let pdf = self.scene.lights[light].pdf(origin.point, origin.receiver, direction, hit);
+        let receiver = Receiver { normal: origin.receiver, in_passing: origin.sampling.in_passing };
+        let pdf = self.scene.lights[light].pdf(origin.point, receiver, direction, hit);
         let lights = self.partition.shadow_lights();
         if self.scene.lights[light].is_distant() || lights.len() <= origin.sampling.lights_per_point {
             return pdf;

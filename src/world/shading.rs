@@ -226,7 +226,7 @@ impl Shading<'_> {
     }
 
     /// How many shadow rays a surface needs that only a walk has met: one, since its light is seen in a mean.
-    pub const IN_PASSING: DirectSampling = DirectSampling { lights_per_point: 1 };
+    pub const IN_PASSING: DirectSampling = DirectSampling { lights_per_point: 1, in_passing: true };
 
     /// What a relief leaves of light from `direction`.
     #[inline]

@@ -184,7 +184,6 @@ fn wrong_usage_exits_with_2() {
         "render room.xml -D angle=3",
         "render room.xml -q -v",
         "render room.xml --plan full",
-        "render room.xml --max-memory 1G",
         "render room.xml --resume",
         "render room.xml --solver magic",
         "render room.xml --form-factors magic",

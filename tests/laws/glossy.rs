@@ -37,7 +37,7 @@ fn solved(scene: Scene, share: f64) -> Solved {
 }
 
 fn prober(solved: &Solved, max_depth: Option<u32>, lights_per_point: usize, samples: u64) -> Prober<'_> {
-    let direct = DirectSampling { lights_per_point };
+    let direct = DirectSampling { lights_per_point, ..DirectSampling::default() };
     let settings = IntegratorSettings {
         read_out: ReadOut::FinalGather,
         max_depth,

@@ -18,7 +18,7 @@ const PROBE: IntegratorSettings = IntegratorSettings {
     read_out: ReadOut::FinalGather,
     max_depth: None,
     gather_rays: 4,
-    direct: DirectSampling { lights_per_point: 4 },
+    direct: DirectSampling { lights_per_point: 4, in_passing: false },
     seed: 0,
     sampler: SamplerKind::Sobol,
 };

@@ -5,7 +5,7 @@ use crate::cli::exit::Failure;
 use crate::cli::output::{print, short};
 use crate::cli::scene_file;
 use serde_json::{Map, Value};
-use twopass::form_factor::ray_cast::RayCastSettings;
+use twopass::form_factor::{FormFactorMethod, memory};
 use twopass::geometry::Bounds;
 use twopass::math::DVec3;
 use twopass::patch::{PatchMesh, PatchSettings};
@@ -14,9 +14,6 @@ use twopass::world::World;
 
 /// Bytes of the film and of the file's layers for one pixel.
 const BYTES_PER_PIXEL: usize = 360;
-
-/// Bytes of a stored form factor: its column and its value.
-const BYTES_PER_ENTRY: usize = 8;
 
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &InfoArgs) -> Result<(), Failure> {
@@ -65,15 +62,23 @@ fn facts(world: &World, patches: &PatchMesh, hash: u64, files: usize) -> Facts {
     facts
 }
 
-/// What a render with default settings takes at most, besides the scene itself [bytes].
+/// What a render takes at most by each method of form factors, besides the scene itself [bytes].
 fn memory(world: &World, patches: &PatchMesh) -> Facts {
     let film = &world.scene().film;
-    let rays = RayCastSettings::for_tolerance(PassOneSettings::default().form_factor_tolerance, 1.0, 0).rays as usize;
-    // A ray finds at most one patch: a row holds no more entries than rays, nor than patches.
-    let entries = patches.len() * patches.len().min(rays);
+    let by = |method: FormFactorMethod| {
+        let settings = PassOneSettings {
+            form_factors: method,
+            form_factor_tolerance: method.default_tolerance(),
+            ..PassOneSettings::default()
+        };
+        memory::predicted(patches.len() as f64, &settings.form_factor_settings(0)) as u64
+    };
     vec![
         ("memory_film", (film.width * film.height * BYTES_PER_PIXEL).into()),
-        ("memory_form_factors", (entries * BYTES_PER_ENTRY).into()),
+        ("memory_ray_cast", by(FormFactorMethod::RayCast).into()),
+        ("memory_analytic", by(FormFactorMethod::Analytic).into()),
+        ("memory_hemicube", by(FormFactorMethod::Hemicube).into()),
+        ("memory_hierarchical", by(FormFactorMethod::Hierarchical).into()),
     ]
 }
 

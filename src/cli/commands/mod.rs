@@ -12,6 +12,7 @@ pub mod stability;
 use super::args::{Common, PassOneArgs, PassTwoArgs};
 use super::exit::Failure;
 use super::output::print;
+use super::values::physical_memory;
 use twopass::integrator::Method;
 use twopass::pipeline::{PassOneSettings, RenderSettings};
 
@@ -37,7 +38,7 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
     let mut settings = RenderSettings {
         seed: common.seed,
         accel: common.accel,
-        pass_one: pass_one_settings(pass_one),
+        pass_one: PassOneSettings { max_memory: common.max_memory.or_else(physical_memory), ..pass_one_settings(pass_one) },
         ..RenderSettings::default()
     };
     if let Some(args) = pass_two {

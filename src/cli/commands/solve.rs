@@ -4,15 +4,16 @@ use super::render_settings;
 use crate::cli::args::{Common, SolveArgs};
 use crate::cli::exit::Failure;
 use crate::cli::interrupt::Interrupt;
-use crate::cli::output::{print, short};
+use crate::cli::output::{print, say, short};
 use crate::cli::progress::{Display, observer};
 use crate::cli::{report, scene_file};
 use std::io::Write as _;
 use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
-use twopass::pipeline::{self, Solved, surface_points};
+use twopass::pipeline::{self, PipelineError, Solved, StageCosts, surface_points};
 use twopass::progress::Stage;
 use twopass::run_report::{RunReport, StopReason, Stopwatch};
+use twopass::world::World;
 
 /// Runs the subcommand.
 pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
@@ -27,7 +28,14 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     report::set_pass_one(&mut run_report, &args.pass_one);
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let solved = pipeline::solve(loaded.scene, &settings, &mut observer);
+    let mut costs = StageCosts::default();
+    let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
+    if !common.quiet {
+        // Counted before it is refused or taken: patches alone are a small part of it.
+        let (patches, bytes) = settings.pass_one.predicted(&world)?;
+        say(common, &format!("pass one: {patches} patches, at most {} MB", bytes / 1_000_000));
+    }
+    let solved = pipeline::solve_world(world, &settings, costs, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);

@@ -17,6 +17,8 @@ use rayon::prelude::*;
 const SCOUTS: u32 = 64;
 /// Groups aimed at.
 const GROUPS: usize = 8192;
+/// Groups are parted where a wall parts more than an eighth of them: the root of twice that share.
+const TORN: f32 = 0.5;
 /// Most patches of a group.
 const LARGEST_GROUP: usize = 64;
 
@@ -68,7 +70,7 @@ impl Beside {
     /// Casts the rays of all groups. Scenes in which the first few show nothing but patches and darkness need no more.
     pub fn cast(world: &World, patches: &PatchMesh, tree: &Tree, settings: &HierarchySettings, counts: &mut RayCounts) -> Self {
         let largest = (tree.patch.len() / GROUPS).clamp(1, LARGEST_GROUP) as u32;
-        let is_group = |at: &usize| tree.nodes[*at].count <= largest;
+        let is_group = |at: &usize| tree.nodes[*at].count <= largest && tree.torn[*at] < TORN;
         let mut group = vec![0; tree.patch.len()];
         let mut groups = Vec::new();
         let mut at = 0;
@@ -173,6 +175,21 @@ impl Beside {
         for (rows, weight) in self.rows.iter().zip([self.weight[place], 1.0]) {
             for k in rows.start[g]..rows.start[g + 1] {
                 visit(rows.column[k] as usize, Rgb::from(rows.factor[k]) * weight);
+            }
+        }
+    }
+}
+
+impl Beside {
+    /// Names pairs of patches as [`crate::form_factor::FormFactors::join`] does; `patch` is the one at each place.
+    pub fn join(&self, patch: &[u32], pair: &mut dyn FnMut(usize, usize)) {
+        for (place, &g) in self.group.iter().enumerate() {
+            let is_first = place == 0 || self.group[place - 1] != g;
+            for rows in &self.rows {
+                let entries = &rows.column[rows.start[g as usize]..rows.start[g as usize + 1]];
+                // All patches of a group see what one of them sees.
+                let shown = if is_first { entries } else { &entries[..entries.len().min(1)] };
+                shown.iter().for_each(|&j| pair(patch[place] as usize, j as usize));
             }
         }
     }

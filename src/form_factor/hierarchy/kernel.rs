@@ -18,6 +18,8 @@ const MOST_PAIRS: usize = 24;
 pub struct Variation {
     /// Bound on how far the kernel cos cos'/(pi r²) strays from its mean [1/m²], by first derivatives.
     pub kernel: f64,
+    /// Bound on the kernel itself [1/m²].
+    pub most: f64,
     /// Share of it that dividing the first node would take away, relative to dividing the second.
     pub first_weighs_more: bool,
 }
@@ -48,7 +50,8 @@ pub fn variation(p: &Node, q: &Node, flat: f32) -> Option<Variation> {
     let turn = |node: &Node, other_cos: f64| f64::from(node.spread.min(1.6).sin()) * other_cos;
     let of_p = slope * f64::from(p.radius) + turn(p, cos_q);
     let of_q = slope * f64::from(q.radius) + turn(q, cos_p);
-    Some(Variation { kernel: (of_p + of_q) / (PI * r * r), first_weighs_more: of_p >= of_q })
+    let (kernel, most) = ((of_p + of_q) / (PI * r * r), cos_p * cos_q / (PI * r * r));
+    Some(Variation { kernel, most, first_weighs_more: of_p >= of_q })
 }
 
 /// Highest point of `far` along the axis of `near`, relative to the centre of `far`.
@@ -83,8 +86,9 @@ pub fn unobstructed(world: &World, patches: &PatchMesh, tree: &Tree, p: usize, q
     let (a, b) = (&tree.nodes[p], &tree.nodes[q]);
     let least = a.area.min(b.area);
     if a.is_leaf() && b.is_leaf() && a.center.distance(b.center) < NEAR * (a.radius + b.radius) {
-        let shapes = [a, b].map(|node| patches.outlines(world, PatchId(tree.patch[node.first as usize])));
-        if shapes[0].len() * shapes[1].len() <= MOST_PAIRS {
+        let ids = [a, b].map(|node| PatchId(tree.patch[node.first as usize]));
+        if ids.iter().map(|&id| patches.n_pieces(id)).product::<usize>() <= MOST_PAIRS {
+            let shapes = ids.map(|id| patches.outlines(world, id));
             let [first, second] = shapes.map(|s| s.iter().filter_map(|o| Polygon::new(o)).collect::<Vec<_>>());
             let pairs = first.iter().flat_map(|f| second.iter().map(move |s| (f, s)));
             return pairs.map(|(f, s)| f.transfer(s, POLYGON_TOLERANCE)).sum::<f64>().min(least);

@@ -7,6 +7,8 @@
 mod beside;
 mod kernel;
 mod refine;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use super::{Closure, FormFactors, Outside};
@@ -25,6 +27,9 @@ use tree::Tree;
 const CLOSING_SWEEPS: usize = 100;
 /// Relative defect at which they end; what is left goes to the diagonal.
 const CLOSE_ENOUGH: f64 = 1e-7;
+/// Most of a row that stays with its patch: in a pocket whose links say next to nothing, a white patch would keep all its light. What is
+/// missing beyond is lost, and the defect says so.
+const MOST_KEPT: f64 = 0.5;
 /// Scales stay within this range: a row of few links must not be blown up.
 const SCALES: [f64; 2] = [0.5, 2.0];
 
@@ -106,38 +111,42 @@ pub fn link(
     let refinement = Refinement { world, patches, tree: &tree, tolerance: settings.tolerance, seed: settings.seed };
     let (links, rays) = refinement.links(observer)?;
     counts.form_factor += rays;
-    let mut hierarchy = Hierarchy::new(tree, &links, beside);
-    drop(links);
+    let mut hierarchy = Hierarchy::new(tree, links, beside);
     let outside = hierarchy.close();
     Some((hierarchy, outside))
 }
 
 impl Hierarchy {
-    fn new(tree: Tree, links: &[Link], beside: Beside) -> Self {
+    fn new(tree: Tree, links: Vec<Vec<Link>>, beside: Beside) -> Self {
         let span = |n: &tree::Node| Span { area: n.area, first: n.first, count: n.count, second: n.second };
         let nodes: Vec<Span> = tree.nodes.iter().map(span).collect();
         let mut place = vec![0; tree.patch.len()];
         tree.patch.iter().enumerate().for_each(|(at, &patch)| place[patch as usize] = at as u32);
+        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
+        // What the tree held for making links goes before links are sorted by their nodes.
+        let patch = tree.patch;
+        drop((tree.nodes, tree.centred, tree.spots, tree.running));
+        let n_links = links.iter().map(Vec::len).sum();
         let mut start = vec![0; nodes.len() + 1];
         // A patch that sees itself has one entry.
         let ends = |link: &Link| [Some(link.first), (link.second != link.first).then_some(link.second)];
-        links.iter().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
+        links.iter().flatten().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
         for p in 0..nodes.len() {
             start[p + 1] += start[p];
         }
         let mut next = start.clone();
         let (mut other, mut transfer) = (vec![0; start[nodes.len()]], vec![0.0; start[nodes.len()]]);
-        for link in links {
-            for (own, seen) in ends(link).into_iter().flatten().zip([link.second, link.first]) {
+        // Each batch is freed as soon as it has been read.
+        for link in links.into_iter().flatten() {
+            for (own, seen) in ends(&link).into_iter().flatten().zip([link.second, link.first]) {
                 let at = &mut next[own as usize];
                 (other[*at], transfer[*at]) = (seen, link.transfer);
                 *at += 1;
             }
         }
-        let area = tree.leaf.iter().map(|&at| tree.nodes[at as usize].area).collect();
         let (scale, kept) = (vec![1.0; place.len()], vec![0.0; place.len()]);
         let closure = Closure::default();
-        Self { nodes, patch: tree.patch, place, start, other, transfer, area, scale, kept, beside, links: links.len(), closure }
+        Self { nodes, patch, place, start, other, transfer, area, scale, kept, beside, links: n_links, closure }
     }
 
     /// Number of links, each for both directions, and of entries through specular surfaces.
@@ -200,7 +209,7 @@ impl Hierarchy {
     ///
     /// A row whose group sends all its rays to patches sums to 1. Another one sums to what its links say, and what goes elsewhere takes the
     /// rest. The scaling is a symmetric Sinkhorn iteration [Sinkhorn64]; rows that it leaves too large are scaled down, which makes no
-    /// other one larger, and what is then missing stays with the patch itself: rows close exactly, and transport remains symmetric.
+    /// other one larger, and what is then missing, up to a half, stays with the patch itself: transport remains symmetric.
     fn close(&mut self) -> Outside {
         let raw = self.transport(|_| 1.0);
         let target: Vec<f64> = raw.iter().enumerate().map(|(at, sum)| self.beside.target(at, *sum)).collect();
@@ -227,7 +236,7 @@ impl Hierarchy {
         }
         let sums = self.transport(|_| 1.0);
         for ((kept, sum), target) in self.kept.iter_mut().zip(&sums).zip(&target) {
-            *kept = (target - sum).max(0.0);
+            *kept = (target - sum).clamp(0.0, MOST_KEPT);
         }
         let elsewhere = |at: usize| self.beside.share_elsewhere(at);
         let rows = raw.iter().enumerate().map(|(at, sum)| sum + elsewhere(at));
@@ -278,6 +287,21 @@ impl FormFactors for Hierarchy {
             at = if place < self.nodes[second].first { at + 1 } else { second };
         }
         self.beside.row(place as usize, visit);
+    }
+
+    fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
+        let patch = |place: u32| self.patch[place as usize] as usize;
+        // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first.
+        let mut joined = 0;
+        for (at, node) in self.nodes.iter().enumerate().filter(|(at, _)| self.start[*at] < self.start[*at + 1]) {
+            if node.first >= joined {
+                joined = node.first + node.count;
+                (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
+            }
+            let others = &self.other[self.start[at]..self.start[at + 1]];
+            others.iter().for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
+        }
+        self.beside.join(&self.patch, pair);
     }
 
     fn is_reciprocal(&self) -> bool {

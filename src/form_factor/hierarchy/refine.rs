@@ -15,11 +15,16 @@ const TASKS: usize = 4096;
 /// Of these, between two looks at the observer.
 const BATCH: usize = 256;
 /// Fewest rays by which the visible share of a pair is measured.
-const FEWEST_RAYS: u32 = 4;
+const FEWEST_RAYS: u32 = 2;
+/// The same between two patches: what they exchange is in no other link.
+const FEWEST_BETWEEN_PATCHES: u32 = 4;
 /// Most rays.
-const MOST_RAYS: u32 = 64;
+const MOST_RAYS: u32 = 16;
 /// The error that visibility leaves to a form factor may be this many times that of its kernel: it is random, and averages out.
-const VISIBILITY_SHARE: f64 = 2.0;
+const VISIBILITY_SHARE: f64 = 4.0;
+
+/// What a wall parts is linked as one only if what passes is below this share of the tolerance: all such links err alike.
+const TORN_SHARE: f64 = 1.0 / 16.0;
 
 /// Transfer between all patches of two nodes, in both directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,8 +64,8 @@ enum Verdict {
 }
 
 impl Refinement<'_> {
-    /// All links, in an order that depends on nothing but the tree; and the number of rays cast. `None` if the observer stopped it.
-    pub fn links(&self, observer: &mut Observer<'_>) -> Option<(Vec<Link>, u64)> {
+    /// All links by task, in an order that depends on nothing but the tree; and the number of rays cast. `None` if the observer stopped it.
+    pub fn links(&self, observer: &mut Observer<'_>) -> Option<(Vec<Vec<Link>>, u64)> {
         let (mut links, mut rays) = (Vec::new(), 0);
         if self.tree.nodes.is_empty() {
             return Some((links, rays));
@@ -68,8 +73,9 @@ impl Refinement<'_> {
         let tasks = self.tasks();
         for (done, batch) in tasks.chunks(BATCH).enumerate() {
             let found: Vec<(Vec<Link>, u64)> = batch.par_iter().with_max_len(1).map(|&pair| self.descend(pair)).collect();
-            for (of_task, cast) in found {
-                links.extend(of_task);
+            for (mut of_task, cast) in found {
+                of_task.shrink_to_fit();
+                links.push(of_task);
                 rays += cast;
             }
             let progress = Progress { stage: Stage::FormFactors, done: ((done + 1) * BATCH) as f64, total: tasks.len() as f64 };
@@ -129,11 +135,19 @@ impl Refinement<'_> {
                 _ => Verdict::Within([(p + 1, p + 1), (a.second, a.second), (p + 1, a.second)]),
             };
         }
-        let Some(Variation { kernel, first_weighs_more }) = kernel::variation(a, b, self.tree.flat) else {
+        let Some(Variation { kernel, most, mut first_weighs_more }) = kernel::variation(a, b, self.tree.flat) else {
             return Verdict::Apart;
         };
-        if (a.is_leaf() && b.is_leaf()) || kernel * a.area.max(b.area) <= self.tolerance {
+        if a.is_leaf() && b.is_leaf() {
             return Verdict::Linked;
+        }
+        let larger = a.area.max(b.area);
+        if kernel * larger <= self.tolerance {
+            let torn = [p, q].map(|at| self.tree.torn[at as usize]);
+            if most * larger * f64::from(torn[0].max(torn[1])) <= self.tolerance * TORN_SHARE {
+                return Verdict::Linked;
+            }
+            first_weighs_more = torn[0] * a.radius >= torn[1] * b.radius;
         }
         // Indices of pairs stay in order, so that a link is known by its nodes alone.
         let ordered = |x: u32, y: u32| (x.min(y), x.max(y));
@@ -158,7 +172,8 @@ impl Refinement<'_> {
         }
         // Standard error of a share is at most 1/(2 sqrt n).
         let wanted = (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2);
-        let n = (wanted.ceil() as u32).clamp(FEWEST_RAYS, MOST_RAYS);
+        let fewest = if a.is_leaf() && b.is_leaf() { FEWEST_BETWEEN_PATCHES } else { FEWEST_RAYS };
+        let n = (wanted.ceil() as u32).clamp(fewest, MOST_RAYS);
         whole * self.visible_share(p as usize, q as usize, n, rays)
     }
 

@@ -3,7 +3,7 @@
 //! It is binary and made from the top: groups are parted by direction until they face alike, then across their longest side, where sides
 //! along the normal count more, so that a table and the floor below it part early. Flat nodes have kernels that vary little.
 
-use crate::geometry::Bounds;
+use crate::geometry::{Bounds, Ray, offset_origin};
 use crate::math::{Sampler, Vec3};
 use crate::patch::{PatchId, PatchMesh, outline};
 use crate::world::World;
@@ -15,6 +15,8 @@ pub const SPOTS: usize = 4;
 const ALIKE: f32 = 0.75;
 /// Extents along the mean normal count this much more than those across, when it is decided where to part.
 const ALONG_NORMAL: f32 = 3.0;
+/// Height above a node, in its radii, at which its parts should see each other.
+const TORN_HEIGHT: f32 = 0.25;
 /// Normals that differ by less are one: rounding [rad].
 const ONE_NORMAL: f32 = 2e-3;
 /// A point of a surface, as links see it.
@@ -75,6 +77,8 @@ pub struct Tree {
     pub spots: Vec<[Spot; SPOTS]>,
     /// Running area up to and including each place [m²].
     pub running: Vec<f64>,
+    /// How much of each node a wall parts from the rest: 0 for none of it, 1 for half of it, and the root of the share between.
+    pub torn: Vec<f32>,
     /// Smallest height above a plane that counts [m].
     pub flat: f32,
 }
@@ -97,6 +101,7 @@ impl Tree {
             centred: Vec::with_capacity((2 * n).saturating_sub(1)),
             spots: Vec::with_capacity(n),
             running: Vec::with_capacity(n),
+            torn: Vec::new(),
             flat: 1e-6 * world.bounds().diagonal(),
         };
         let mut order = std::mem::take(&mut tree.patch);
@@ -113,6 +118,16 @@ impl Tree {
         for at in 0..tree.nodes.len() {
             let spots = tree.centred_spots(at);
             tree.centred.push(spots);
+        }
+        let by_itself: Vec<bool> =
+            (0..tree.nodes.len()).into_par_iter().with_min_len(256).map(|at| tree.is_torn(world, at)).collect();
+        tree.torn = vec![0.0; tree.nodes.len()];
+        for at in (0..tree.nodes.len()).rev().filter(|&at| !tree.nodes[at].is_leaf()) {
+            let parts = [at + 1, tree.nodes[at].second as usize];
+            let share = |part: usize| (tree.nodes[part].area / tree.nodes[at].area) as f32;
+            let below = parts.map(|part| tree.torn[part] * share(part).sqrt());
+            let own = if by_itself[at] { (2.0 * share(parts[0]).min(share(parts[1]))).sqrt() } else { 0.0 };
+            tree.torn[at] = own.max(below[0]).max(below[1]);
         }
         tree
     }
@@ -156,6 +171,28 @@ impl Tree {
         let shift = node.center - spots.iter().map(|s| s.point).sum::<Vec3>() / SPOTS as f32;
         spots.iter_mut().for_each(|s| s.point += shift);
         spots
+    }
+}
+
+impl Tree {
+    /// True if what stands on node `at` hides its two parts from each other, for most of some points above them.
+    fn is_torn(&self, world: &World, at: usize) -> bool {
+        let node = &self.nodes[at];
+        if node.is_leaf() {
+            return false;
+        }
+        let height = TORN_HEIGHT * node.radius;
+        let above = |spot: &Spot| {
+            let off = offset_origin(spot.point, Vec3::splat(spot.lift), spot.normal, spot.normal);
+            let raised = off + spot.normal * height;
+            (!world.occluded(&Ray::between(off, raised))).then_some(raised)
+        };
+        let hidden = (0..SPOTS).filter(|&k| {
+            let share = (k as f64 + 0.5) / SPOTS as f64;
+            let (a, b) = (self.spot(at + 1, share, k), self.spot(node.second as usize, share, k + k / 2));
+            above(a).zip(above(b)).is_none_or(|(a, b)| world.occluded(&Ray::between(a, b)))
+        });
+        2 * hidden.count() >= SPOTS
     }
 }
 

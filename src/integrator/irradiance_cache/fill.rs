@@ -23,6 +23,8 @@ pub struct FillSettings {
     pub closest: f32,
     /// Farthest records, in pixels as seen.
     pub farthest: f32,
+    /// Pixels between the points last looked at; places that this misses are gathered anew by every sample that meets them.
+    pub spacing: usize,
     /// Most gather rays.
     pub most_rays: u64,
     /// Seed.
@@ -46,7 +48,7 @@ impl TwoPass<'_> {
         let mut key = 0;
         let [width, height] = [frame.crop[2], frame.crop[3]];
         let mut stride = COARSEST;
-        while stride >= 1 {
+        while stride >= settings.spacing {
             // Four interleaved parts of each lattice: what one part fills, the next need not.
             for part in 0..4_usize {
                 let columns: Vec<usize> = ((part % 2) * stride..width).step_by(2 * stride).collect();

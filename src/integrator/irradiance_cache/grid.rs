@@ -3,6 +3,7 @@
 use crate::math::{Vec3, sampler::mix};
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::ops::ControlFlow;
 
 /// Keys are mixed already.
 #[derive(Debug, Default, Clone)]
@@ -28,8 +29,17 @@ type Cells = HashMap<u64, Vec<u32>, BuildHasherDefault<Mixed>>;
 /// Indices of spheres by place.
 #[derive(Debug, Default)]
 pub struct Grid {
-    /// Exponent of the cell size, and the cells; few, in no order that matters.
-    levels: Vec<(i32, Cells)>,
+    /// Few, in no order that matters.
+    levels: Vec<Level>,
+}
+
+#[derive(Debug)]
+struct Level {
+    /// Exponent of the cell size.
+    exponent: i32,
+    /// One over the cell size.
+    scale: f32,
+    cells: Cells,
 }
 
 impl Grid {
@@ -37,39 +47,45 @@ impl Grid {
     pub fn insert(&mut self, index: u32, center: Vec3, radius: f32) {
         // Cells as wide as the sphere: it overlaps eight at most.
         let exponent = (2.0 * radius).log2().ceil() as i32;
-        let level = match self.levels.iter().position(|(e, _)| *e == exponent) {
-            Some(level) => level,
-            None => {
-                self.levels.push((exponent, Cells::default()));
-                self.levels.len() - 1
-            }
-        };
-        let cells = &mut self.levels[level].1;
-        let scale = (-exponent as f32).exp2();
-        let low = ((center - radius) * scale).floor();
-        let high = ((center + radius) * scale).floor();
-        for x in low.x as i64..=high.x as i64 {
-            for y in low.y as i64..=high.y as i64 {
-                for z in low.z as i64..=high.z as i64 {
-                    cells.entry(key(x, y, z)).or_default().push(index);
+        let known = self.levels.iter().position(|level| level.exponent == exponent);
+        let at = known.unwrap_or(self.levels.len());
+        if known.is_none() {
+            self.levels.push(Level { exponent, scale: (-exponent as f32).exp2(), cells: Cells::default() });
+        }
+        let Level { scale, cells, .. } = &mut self.levels[at];
+        let low = cell_of(center - radius, *scale);
+        let high = cell_of(center + radius, *scale);
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    cells.entry(key([x, y, z])).or_default().push(index);
                 }
             }
         }
     }
 
-    /// Visits all spheres that may contain `point`, always in the same order.
+    /// Visits the spheres that may contain `point`, always in the same order, until `visit` breaks.
     #[inline]
-    pub fn visit(&self, point: Vec3, mut visit: impl FnMut(u32)) {
-        for (exponent, cells) in &self.levels {
-            let cell = (point * (-*exponent as f32).exp2()).floor();
-            if let Some(found) = cells.get(&key(cell.x as i64, cell.y as i64, cell.z as i64)) {
-                found.iter().for_each(|index| visit(*index));
+    pub fn visit(&self, point: Vec3, mut visit: impl FnMut(u32) -> ControlFlow<()>) {
+        for level in &self.levels {
+            let Some(found) = level.cells.get(&key(cell_of(point, level.scale))) else { continue };
+            for index in found {
+                if visit(*index).is_break() {
+                    return;
+                }
             }
         }
     }
 }
 
+/// Coordinates of the cell of a point.
 #[inline]
-fn key(x: i64, y: i64, z: i64) -> u64 {
+fn cell_of(point: Vec3, scale: f32) -> [i64; 3] {
+    // Rounded down without a call of the mathematical library, which the plain instruction set would need.
+    (point * scale).to_array().map(|v| v as i64 - i64::from(v < v as i64 as f32))
+}
+
+#[inline]
+fn key([x, y, z]: [i64; 3]) -> u64 {
     mix((x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ mix((y as u64) ^ mix(z as u64)))
 }

@@ -14,6 +14,7 @@ pub(super) use fill::Gap;
 
 use crate::math::{Rgb, Vec3};
 use grid::Grid;
+use std::ops::ControlFlow;
 
 /// Records are read this many times as far as they keep others from being placed, so that several blend at every point.
 const OVERLAP: f32 = 1.6;
@@ -80,7 +81,8 @@ impl IrradianceCache {
         let mut covered = false;
         self.grid.visit(point, |index| {
             let record = &self.records[index as usize];
-            covered |= record.shape == shape && record.distance(point, normal) < 1.0;
+            covered = record.shape == shape && record.distance(point, normal) < 1.0;
+            if covered { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         covered
     }
@@ -92,17 +94,18 @@ impl IrradianceCache {
         self.grid.visit(point, |index| {
             let record = &self.records[index as usize];
             if record.shape != shape {
-                return;
+                return ControlFlow::Continue(());
             }
             let distance = record.distance(point, normal) / OVERLAP;
             if distance >= 1.0 {
-                return;
+                return ControlFlow::Continue(());
             }
             let weight = f64::from((1.0 - distance) * (1.0 - distance));
             let value = record.extrapolate(point, normal) * weight;
             sum += value;
             emitted += value * record.emitted_share;
             total += weight;
+            ControlFlow::Continue(())
         });
         (total > 0.0).then(|| Cached { reflected: (sum - emitted) / total, emitted: emitted / total })
     }

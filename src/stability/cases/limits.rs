@@ -36,16 +36,24 @@ pub fn few_and_many_patches(rows: &mut Rows<'_>) -> Result<(), Trouble> {
     rows.value("2 patches", "B_2 = rho F B_1", 0.5 * f * first, pair.field.radiosity(1).g, bound);
     // 24 units of area: a million patches have an edge of 0.0049.
     let started = Instant::now();
-    let refusal = match solve(lit(0.5, 4).scene()?, &quick(1, 0.0049), &mut silent) {
-        Err(PipelineError::Patch(error @ PatchError::TooMany { estimate, .. })) => Some((error.to_string(), estimate)),
+    let mut bounded = quick(1, 0.0049);
+    bounded.pass_one.max_memory = Some(1 << 30);
+    let refusal = match solve(lit(0.5, 4).scene()?, &bounded, &mut silent) {
+        Err(error @ PipelineError::Memory { patches, .. }) => Some((error.to_string(), patches as f64)),
         _ => None,
     };
     let told = refusal.clone().map_or_else(|| "accepted".to_owned(), |(message, _)| message);
     let seconds = started.elapsed().as_secs_f64();
     let is_so = refusal.is_some_and(|(_, estimate)| (5e5..2e6).contains(&estimate)) && seconds < 1.0;
-    rows.holds("1e6 patches", "estimated and refused before anything is allocated", "an estimate near 1e6", told, is_so);
-    let law = "a bound on memory (--max-memory) refuses before allocating";
-    rows.not_covered("1e6 patches", law, "the flag is not there yet; the limit on patches stands in for it");
+    let law = "estimated, and refused under --max-memory 1G before anything is allocated";
+    rows.holds("1e6 patches", law, "an estimate near 1e6 patches", told, is_so);
+    let refused = match solve(lit(0.5, 4).scene()?, &quick(1, 1e-3), &mut silent) {
+        Err(PipelineError::Patch(error @ PatchError::TooMany { .. })) => Some(error.to_string()),
+        _ => None,
+    };
+    let is_so = refused.is_some();
+    let told = refused.unwrap_or_else(|| "accepted".to_owned());
+    rows.holds("2e7 patches", "more than can be counted on are refused without a bound, too", "refused", told, is_so);
     Ok(())
 }
 

@@ -1,0 +1,163 @@
+//! Laws of links: bounds, reciprocity, closure, the same bits on any number of threads, and values against closed forms.
+
+use super::*;
+use crate::accel::AccelKind;
+use crate::form_factor::analytic::{parallel_rectangles, perpendicular_rectangles};
+use crate::math::{DVec3, Sampler};
+use crate::patch::PatchSettings;
+use crate::progress::silent;
+use crate::stability::rooms::Room;
+
+/// An empty closed unit cube, or one with a block in it.
+fn cube(with_block: bool) -> Room {
+    let mut room = Room::new(DVec3::new(0.1, 0.2, 0.3), DVec3::ONE, 4);
+    let grey = room.grey(0.5);
+    room.walls(DVec3::ZERO, DVec3::ONE, grey, [0.0; 6]);
+    if with_block {
+        let low = DVec3::new(0.3, 0.2, 0.4);
+        let (e1, e2, e3) = (DVec3::new(0.3, 0.0, 0.1), DVec3::new(0.0, 0.4, 0.0), DVec3::new(-0.1, 0.0, 0.3));
+        for (corner, a, b) in
+            [(low, e2, e1), (low, e1, e3), (low, e3, e2), (low + e3, e1, e2), (low + e2, e3, e1), (low + e1, e2, e3)]
+        {
+            room.quad(corner, a, b, grey, 0.0);
+        }
+    }
+    room
+}
+
+fn linked(room: &Room, patch_size: f64, tolerance: f64) -> (PatchMesh, Hierarchy, Outside) {
+    let world = World::new(room.scene().expect("valid"), AccelKind::default()).expect("built");
+    let settings = PatchSettings { patch_size: Some(patch_size), ..PatchSettings::default() };
+    let patches = PatchMesh::build(&world, &settings).expect("not too many");
+    let how = HierarchySettings::for_tolerance(tolerance, 32.0, 3);
+    let (links, outside) = link(&world, &patches, &how, &mut RayCounts::default(), &mut silent).expect("not stopped");
+    (patches, links, outside)
+}
+
+/// Row `i` with one entry for each patch.
+fn row(links: &Hierarchy, i: usize) -> Vec<f64> {
+    let mut row = vec![0.0; links.len()];
+    links.row(i, &mut |j, f| row[j] += f.g);
+    row
+}
+
+#[test]
+fn links_are_bounded_reciprocal_and_closed() {
+    let (patches, links, outside) = linked(&cube(true), 0.1, 4e-3);
+    let rows: Vec<Vec<f64>> = (0..links.len()).map(|i| row(&links, i)).collect();
+    for (i, row) in rows.iter().enumerate() {
+        let sum: f64 = row.iter().sum();
+        assert!((sum - 1.0).abs() < 1e-9, "row {i} sums to {sum}");
+        assert_eq!(outside.escaped(i), Rgb::BLACK, "row {i}");
+        for (j, f) in row.iter().enumerate() {
+            let (there, back) = (patches.area[i] * f, patches.area[j] * rows[j][i]);
+            assert!((there - back).abs() <= 8.0 * f64::EPSILON * there, "{i}, {j}: {there}, backwards {back}");
+            let most = patches.area[i].min(patches.area[j]);
+            assert!(*f >= 0.0 && there <= most * (1.0 + 1e-9), "{i}, {j}: {there} of {most}");
+        }
+    }
+}
+
+#[test]
+fn a_product_is_that_of_the_rows() {
+    let (_, links, _) = linked(&cube(true), 0.15, 4e-3);
+    let x: Vec<Rgb> = (0..links.len() as u64).map(|i| Rgb::grey(f64::from(Sampler::new(5, i, 0).next_1d()))).collect();
+    let mut out = vec![Rgb::BLACK; links.len()];
+    links.gather(&x, &mut out);
+    for (i, found) in out.iter().enumerate() {
+        let want: f64 = row(&links, i).iter().zip(&x).map(|(f, x)| f * x.g).sum();
+        assert!((found.g - want).abs() < 1e-12, "patch {i}: {}, by its row {want}", found.g);
+    }
+}
+
+/// Walls of the unit cube: C-11 and C-14 of Howell's catalogue. What scaling does to the sums is no larger than the error itself.
+#[test]
+fn walls_of_a_cube_have_their_closed_forms() {
+    let (patches, links, _) = linked(&cube(false), 0.07, 1e-3);
+    let n = links.len();
+    let wall = |i: usize| patches.normal[i].to_array().map(|v| v.round() as i32);
+    let sum = |facing: [i32; 3]| -> f64 {
+        let from: Vec<usize> = (0..n).filter(|&i| wall(i) == [1, 0, 0]).collect();
+        let to = |row: &[f64]| (0..n).filter(|&j| wall(j) == facing).map(|j| row[j]).sum::<f64>();
+        from.iter().map(|&i| patches.area[i] * to(&row(&links, i))).sum()
+    };
+    for (facing, want) in [([-1, 0, 0], parallel_rectangles(1.0, 1.0, 1.0)), ([0, 1, 0], perpendicular_rectangles(1.0, 1.0, 1.0))]
+    {
+        let got = sum(facing);
+        assert!((got / want - 1.0).abs() < 1e-3, "towards {facing:?}: {got}, expected {want}");
+    }
+    assert!(
+        (links.closure.row_sum_min - 1.0).abs() < 0.1 && (links.closure.row_sum_max - 1.0).abs() < 0.1,
+        "{:?}",
+        links.closure
+    );
+}
+
+/// Two squares facing each other in the open: what they do not exchange escapes.
+#[test]
+fn what_escapes_is_the_rest_of_the_row() {
+    let mut room = Room::new(DVec3::new(0.5, 0.5, 3.0), DVec3::ZERO, 4);
+    let grey = room.grey(0.5);
+    room.quad(DVec3::ZERO, DVec3::X, DVec3::Y, grey, 0.0);
+    room.quad(DVec3::Z, DVec3::Y, DVec3::X, grey, 0.0);
+    let (patches, links, outside) = linked(&room, 0.1, 1e-3);
+    let mut exchanged = 0.0;
+    for i in 0..links.len() {
+        let sum: f64 = row(&links, i).iter().sum();
+        assert!((sum + outside.escaped(i).g - 1.0).abs() < 1e-6, "row {i}: {sum} and {}", outside.escaped(i).g);
+        exchanged += patches.area[i] * sum;
+    }
+    let want = 2.0 * parallel_rectangles(1.0, 1.0, 1.0);
+    assert!((exchanged / want - 1.0).abs() < 1e-3, "{exchanged} exchanged, expected {want}");
+}
+
+/// Two rooms with a wall between them: nothing passes, however coarse the links.
+#[test]
+fn nothing_passes_through_a_wall() {
+    let mut room = Room::new(DVec3::splat(0.1), DVec3::ONE, 4);
+    let grey = room.two_sided(0.5);
+    room.walls(DVec3::ZERO, DVec3::new(2.0, 1.0, 1.0), grey, [0.0; 6]);
+    room.quad(DVec3::X * 0.83, DVec3::Y, DVec3::Z, grey, 0.0);
+    let (patches, links, _) = linked(&room, 0.2, 2e-2);
+    let left = |i: usize| {
+        let side = patches.centroid[i].x + 0.5 * 2.0 - 0.83;
+        if side.abs() < 1e-3 { patches.normal[i].x < 0.0 } else { side < 0.0 }
+    };
+    let inside = |i: usize| row(&links, i).iter().sum::<f64>() > 0.5;
+    let across: f64 = (0..links.len())
+        .filter(|&i| inside(i) && left(i))
+        .map(|i| row(&links, i).iter().enumerate().filter(|(j, _)| !left(*j)).map(|(_, f)| f * patches.area[i]).sum::<f64>())
+        .sum();
+    assert!(across < 1e-3, "{across} m² are exchanged through the wall");
+}
+
+#[test]
+fn threads_do_not_change_a_bit_of_the_links() {
+    let room = cube(true);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let (patches, links, _) = linked(&room, 0.12, 4e-3);
+            let x: Vec<Rgb> = patches.centroid.iter().map(|c| Rgb::grey(f64::from(c.x + 2.0 * c.y))).collect();
+            let mut out = vec![Rgb::BLACK; links.len()];
+            links.gather(&x, &mut out);
+            let bits: Vec<u64> = out.iter().map(|v| v.g.to_bits()).collect();
+            (links.other.clone(), links.transfer.iter().map(|s| s.to_bits()).collect::<Vec<_>>(), bits)
+        })
+    };
+    assert!(run(1) == run(2));
+}
+
+/// A mirror for a wall: what links and rays find adds up to 1 in every row.
+#[test]
+fn rows_close_with_a_mirror_for_a_wall() {
+    let mut room = cube(true);
+    let mirror = room.mirror(1.0);
+    room.source.shapes[0].material = mirror;
+    let (_, links, outside) = linked(&room, 0.25, 4e-3);
+    assert!(!links.is_reciprocal());
+    let beside = (0..links.len()).map(|i| row(&links, i).iter().sum::<f64>() + outside.escaped(i).g + outside.truncated(i).g);
+    for (i, sum) in beside.enumerate() {
+        assert!((sum - 1.0).abs() < 1e-6, "row {i} sums to {sum}");
+    }
+}
