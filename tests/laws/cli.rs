@@ -185,10 +185,10 @@ fn wrong_usage_exits_with_2() {
         "render room.xml -q -v",
         "render room.xml --plan full",
         "render room.xml --resume",
-        "render room.xml --solver cg",
-        "render room.xml --form-factors hemicube",
+        "render room.xml --solver magic",
+        "render room.xml --form-factors magic",
         "solve room.xml -o room.sol",
-        "form-factors room.xml",
+        "form-factors room.xml --by face",
         "serve room.xml",
     ] {
         let (_, err) = place.expect(2, line);
