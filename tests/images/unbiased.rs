@@ -8,20 +8,28 @@ use twopass::metrics::block_test::{FEWEST_REPLICAS, MUST_PASS, Reference, block_
 use twopass::metrics::{Comparison, compare};
 
 /// Welch's t-test on means of 4x4 pixels; `passes` stands in the reference's PROVENANCE.toml.
-fn is_unbiased(scene: &'static str, spp: u32, passes: u32) {
-    let shot = |seed| Shot { spp, method: Method::Path, seed, ..Shot::new(scene) };
+fn is_unbiased(scene: &'static str, method: Method, spp: u32, passes: u32) {
+    let shot = |seed| Shot { spp, method, seed, ..Shot::new(scene) };
     let replicas: Vec<_> = (1..=FEWEST_REPLICAS as u64).map(|seed| rendered(&shot(seed)).film.image()).collect();
     let [a, b] = reference(scene);
     let variance = read_exr(&reference_folder(scene).join("var.exr")).expect("the reference is there");
     let test = block_test(&replicas, &Reference { halves: [&a, &b], variance: &variance, passes }).expect("comparable");
     let worst: Vec<_> = test.failing().take(5).collect();
-    println!("{scene}: {:.3} % pass", 100.0 * test.share_passing());
+    println!("{scene}, {}: {:.3} % pass", method.name(), 100.0 * test.share_passing());
     assert!(test.passes(), "{scene}: {} of the blocks pass, expected {MUST_PASS}; (pixel, t): {worst:?}", test.share_passing());
 }
 
 #[test]
 fn path_tracing_is_unbiased_in_the_cornell_box() {
-    is_unbiased("cornell-box", 8, 138);
+    is_unbiased("cornell-box", Method::Path, 8, 138);
+}
+
+/// Caustics and light behind a door are found from the lamps, and all ways to make a path share it.
+#[test]
+fn walks_from_both_ends_are_unbiased() {
+    is_unbiased("cornell-box", Method::Bidirectional, 4, 138);
+    is_unbiased("cornell-glass", Method::Bidirectional, 4, 44);
+    is_unbiased("door-ajar", Method::Bidirectional, 16, 356);
 }
 
 /// Slope of log relmse over log samples, by least squares over powers of two.
