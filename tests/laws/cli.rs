@@ -185,10 +185,10 @@ fn wrong_usage_exits_with_2() {
         "render room.xml -q -v",
         "render room.xml --plan full",
         "render room.xml --resume",
-        "render room.xml --solver cg",
-        "render room.xml --form-factors hemicube",
-        "solve room.xml -o room.sol",
-        "form-factors room.xml",
+        "render room.xml --solver magic",
+        "render room.xml --form-factors magic",
+        "render room.xml --light lamp=2",
+        "render room.xml --solution room.sol --patch-size 1",
         "serve room.xml",
     ] {
         let (_, err) = place.expect(2, line);
