@@ -187,8 +187,9 @@ fn wrong_usage_exits_with_2() {
         "render room.xml --resume",
         "render room.xml --solver magic",
         "render room.xml --form-factors magic",
-        "solve room.xml -o room.sol",
         "form-factors room.xml --by face",
+        "render room.xml --light lamp=2",
+        "render room.xml --solution room.sol --patch-size 1",
         "serve room.xml",
     ] {
         let (_, err) = place.expect(2, line);
