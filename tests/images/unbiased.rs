@@ -28,7 +28,7 @@ fn path_tracing_is_unbiased_in_the_cornell_box() {
 #[test]
 fn walks_from_both_ends_are_unbiased() {
     is_unbiased("cornell-box", Method::Bidirectional, 4, 138);
-    is_unbiased("cornell-glass", Method::Bidirectional, 4, 44);
+    is_unbiased("cornell-glass", Method::Bidirectional, 8, 44);
     is_unbiased("door-ajar", Method::Bidirectional, 16, 356);
 }
 
