@@ -129,11 +129,11 @@ pub fn build(
 ) -> Option<(Stored, Outside)> {
     if settings.method == FormFactorMethod::Hierarchical {
         let (links, outside) = hierarchy::link(world, patches, &settings.links(), counts, observer)?;
-        return Some((Stored::Links(links), outside));
+        return Some((Stored::Links(Box::new(links)), outside));
     }
     let (mut matrix, mut outside) = ray_cast::cast(world, patches, &settings.rays(world), counts, observer)?;
     let exchanges: Vec<Row> = match settings.method {
-        FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => return Some((Stored::Rows(matrix), outside)),
+        FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => return Some((Stored::Rows(Box::new(matrix)), outside)),
         FormFactorMethod::Analytic => analytic(world, patches, settings, observer)?,
         FormFactorMethod::Hemicube => hemicube(world, patches, settings, counts, observer)?,
     };
@@ -163,7 +163,7 @@ pub fn build(
         matrix.closure.escaped_max = (0..raw.len()).map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
     }
     matrix.set_exchanges(&upper, &patches.area, &target);
-    Some((Stored::Rows(matrix), outside))
+    Some((Stored::Rows(Box::new(matrix)), outside))
 }
 
 /// What patches exchange, pair by pair, as the kernel and visibility give it.

@@ -8,9 +8,9 @@ use crate::math::Rgb;
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub enum Stored {
     /// Sparse rows.
-    Rows(FormFactorMatrix),
+    Rows(Box<FormFactorMatrix>),
     /// Links between groups of patches.
-    Links(Hierarchy),
+    Links(Box<Hierarchy>),
 }
 
 impl Stored {
@@ -56,8 +56,8 @@ impl Stored {
 
     fn operator(&self) -> &dyn FormFactors {
         match self {
-            Stored::Rows(matrix) => matrix,
-            Stored::Links(links) => links,
+            Stored::Rows(matrix) => &**matrix,
+            Stored::Links(links) => &**links,
         }
     }
 }
