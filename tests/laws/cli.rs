@@ -173,7 +173,7 @@ fn wrong_usage_exits_with_2() {
         "render room.xml --size 4294967297x4",
         "render room.xml --crop 1,2,3",
         "render room.xml --crop 20,0,10,10",
-        "render room.xml --method metropolis",
+        "render room.xml --method magic",
         "render room.xml --read-out twice",
         "render room.xml --method path --read-out stored",
         "render room.xml --sampler halton",
