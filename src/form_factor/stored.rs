@@ -4,7 +4,6 @@ use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy};
 use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
-#[expect(clippy::large_enum_variant, reason = "a run keeps one of them")]
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub enum Stored {
     /// Sparse rows.
