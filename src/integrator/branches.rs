@@ -14,6 +14,7 @@ const BRANCHING_DEPTH: u32 = 3;
 const ROULETTE_DEPTH: u32 = 8;
 /// A branch beside a diffuse part is followed with this many times its share of power, so that the faint gloss of a coat does not cost
 /// as much as the surface itself.
+/// Where the camera looks it is always followed: bright windows in a floor are most of what is seen of it.
 const FAVOUR: f64 = 4.0;
 
 /// The branches at a hit, each with the probability of being followed.
