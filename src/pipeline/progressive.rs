@@ -5,6 +5,7 @@
 //! times as fine, replaces the old one as soon as it costs no more than a share of what has been done. All is decided by
 //! counted rays, never by the clock, so that pictures are the same on any machine.
 
+use super::allocation::Allocation;
 use super::cost::StageCosts;
 use super::{PassOne, PassOneSettings, RenderSettings, pass_one};
 use crate::film::PixelSample;
@@ -72,6 +73,7 @@ pub(super) struct Progressive<'a> {
     caches: [Option<IrradianceCache>; 2],
     caustics: [Option<CausticMap>; 2],
     accuracy: f64,
+    allocation: Option<Allocation>,
     costs: StageCosts,
     /// Rays so far, pass one included.
     pub counts: RayCounts,
@@ -113,6 +115,7 @@ impl<'a> Progressive<'a> {
             caches: [None, None],
             caustics: [None, None],
             accuracy: FIRST_ACCURACY,
+            allocation: None,
             costs: StageCosts::default(),
             counts,
         }
@@ -129,6 +132,9 @@ impl<'a> Progressive<'a> {
         self.round_end += FIRST_PASSES << self.round.min(24);
         let made: Vec<usize> = self.caches.iter().flatten().map(IrradianceCache::len).collect();
         self.caches = [None, None];
+        if let Some(allocation) = &mut self.allocation {
+            allocation.refine();
+        }
         // As many records as the next budget has rays for: their number goes with the inverse square of the reach. A cache that ran
         // out of rays keeps its reach, and the next one gets farther with it.
         if let Some(&made) = made.iter().max() {
@@ -231,7 +237,11 @@ impl Integrator for Progressive<'_> {
             (counts.truncated, counts.truncated_weight) = (0, 0);
             self.caches[half] = Some(cache);
         }
-        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).pass(frame, index);
+        let mut allocation = self.allocation.take().unwrap_or_else(|| Allocation::new(frame, self.seed));
+        let plan = allocation.next(half);
+        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).planned_pass(frame, plan);
+        allocation.add(half, &samples);
+        self.allocation = Some(allocation);
         counts += of_pass;
         self.counts += counts;
         (samples, counts)
