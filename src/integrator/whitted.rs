@@ -122,9 +122,9 @@ impl TwoPass<'_> {
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(weight_rho, h);
         let mut read_out = self.settings.read_out;
         if let Some(field) = self.field.filter(|_| shading.has_diffuse()) {
-            let stored = field.at(si).irradiance;
+            let [stored, irradiance] = field.accepted_and_whole(si);
             *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
-            *trace.sample.layer(Quantity::Irradiance) += field.irradiance(si);
+            *trace.sample.layer(Quantity::Irradiance) += irradiance;
             if read_out == ReadOut::Stored && depth + 2 <= limit {
                 *trace.sample.layer(Quantity::Indirect) += reflect(stored);
             }
