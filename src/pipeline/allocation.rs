@@ -1,4 +1,4 @@
-//! Where the samples of a pass go: to pixels in proportion to the error that one more sample has there.
+//! Where the samples of a pass go [Mitchell87]: to pixels in proportion to the error that one sample has there.
 //!
 //! The mean over pixels of e_i/n_i, with e_i the variance of one sample over the squared brightness and the sum of all n_i given, is least
 //! for n_i proportional to the root of e_i. The e_i come from what the two halves of the film disagree by, smoothed over neighbours:
