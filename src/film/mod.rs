@@ -7,6 +7,7 @@ pub mod guard;
 pub mod image;
 pub mod io;
 pub mod layer;
+pub mod lock;
 mod mask;
 pub mod tone_map;
 
@@ -15,9 +16,10 @@ pub use layer::{Layer, LayerData, Plane};
 pub use mask::Mask;
 
 use crate::math::Rgb;
+use serde::{Deserialize, Serialize};
 
 /// What a picture is recorded in, besides the radiance itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Quantity {
     /// Light that has met no diffuse surface but the one seen, found by shadow rays, and light seen at once.
     Direct,
@@ -90,13 +92,15 @@ impl PixelSample {
 }
 
 /// Sums of samples per pixel, in f64: the radiance in two independent halves, and the layers.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Film {
     width: usize,
     height: usize,
     halves: [Vec<Rgb>; 2],
     layers: Vec<[Rgb; Quantity::ALL.len()]>,
     passes: [u32; 2],
+    /// True if samples may be negative.
+    signed: bool,
     non_finite: u64,
     first_non_finite: Option<usize>,
 }
@@ -111,9 +115,16 @@ impl Film {
             halves: [vec![Rgb::BLACK; n], vec![Rgb::BLACK; n]],
             layers: vec![[Rgb::BLACK; Quantity::ALL.len()]; n],
             passes: [0; 2],
+            signed: false,
             non_finite: 0,
             first_non_finite: None,
         }
+    }
+
+    /// The same film, which takes samples below 0 as well if `signed`: those of estimators that are right in the mean only.
+    #[must_use]
+    pub fn signed(self, signed: bool) -> Self {
+        Self { signed, ..self }
     }
 
     /// Width in pixels.
@@ -131,7 +142,7 @@ impl Film {
         self.passes[0] + self.passes[1]
     }
 
-    /// Samples that were not finite or negative, and the first pixel that had one. They are left out of the sums and never hidden.
+    /// Samples that were not finite, or negative where they must not be, and the first pixel that had one. They are left out of the sums and never hidden.
     pub fn bad_samples(&self) -> (u64, Option<usize>) {
         (self.non_finite, self.first_non_finite)
     }
@@ -145,7 +156,7 @@ impl Film {
         let half = (index % 2) as usize;
         for (pixel, sample) in samples.iter().enumerate() {
             let radiance = sample.radiance();
-            if !radiance.is_finite() || radiance.min() < 0.0 {
+            if !radiance.is_finite() || (radiance.min() < 0.0 && !self.signed) {
                 self.non_finite += 1;
                 self.first_non_finite.get_or_insert(pixel);
                 continue;

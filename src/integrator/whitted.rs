@@ -68,6 +68,10 @@ impl Integrator for TwoPass<'_> {
             trace.sample
         })
     }
+
+    fn is_signed(&self) -> bool {
+        self.residual.is_some()
+    }
 }
 
 impl TwoPass<'_> {
