@@ -7,6 +7,7 @@ pub mod guard;
 pub mod image;
 pub mod io;
 pub mod layer;
+pub mod lock;
 mod mask;
 pub mod tone_map;
 
@@ -15,9 +16,10 @@ pub use layer::{Layer, LayerData, Plane};
 pub use mask::Mask;
 
 use crate::math::Rgb;
+use serde::{Deserialize, Serialize};
 
 /// What a picture is recorded in, besides the radiance itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Quantity {
     /// Light that has met no diffuse surface but the one seen, found by shadow rays, and light seen at once.
     Direct,
@@ -109,7 +111,7 @@ impl PixelSample {
 }
 
 /// Sums of samples per pixel, in f64: the radiance in two independent halves, and the layers.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Film {
     width: usize,
     height: usize,
@@ -118,6 +120,8 @@ pub struct Film {
     /// Samples taken, by half and pixel.
     taken: [Vec<u32>; 2],
     passes: [u32; 2],
+    /// True if samples may be negative.
+    signed: bool,
     non_finite: u64,
     first_non_finite: Option<usize>,
 }
@@ -133,9 +137,16 @@ impl Film {
             layers: vec![[Rgb::BLACK; Quantity::ALL.len()]; n],
             taken: [vec![0; n], vec![0; n]],
             passes: [0; 2],
+            signed: false,
             non_finite: 0,
             first_non_finite: None,
         }
+    }
+
+    /// The same film, which takes samples below 0 as well if `signed`: those of estimators that are right in the mean only.
+    #[must_use]
+    pub fn signed(self, signed: bool) -> Self {
+        Self { signed, ..self }
     }
 
     /// Width in pixels.
@@ -153,7 +164,7 @@ impl Film {
         self.passes[0] + self.passes[1]
     }
 
-    /// Samples that were not finite or negative, and the first pixel that had one. They are left out of the sums and never hidden.
+    /// Samples that were not finite, or negative where they must not be, and the first pixel that had one. They are left out of the sums and never hidden.
     pub fn bad_samples(&self) -> (u64, Option<usize>) {
         (self.non_finite, self.first_non_finite)
     }
@@ -168,7 +179,7 @@ impl Film {
         for (pixel, sample) in samples.iter().enumerate() {
             self.taken[half][pixel] += sample.n;
             let radiance = sample.radiance();
-            if !radiance.is_finite() || radiance.min() < 0.0 {
+            if !radiance.is_finite() || (radiance.min() < 0.0 && !self.signed) {
                 self.non_finite += 1;
                 self.first_non_finite.get_or_insert(pixel);
                 continue;
@@ -274,7 +285,7 @@ mod tests {
     fn pixels_may_have_as_many_samples_as_they_need() {
         let mut film = Film::new(1, 1);
         let mut three = PixelSample::NONE;
-        [1.0, 2.0, 6.0].map(|v| three.add(&sample(v)));
+        [1.0, 2.0, 6.0].iter().for_each(|v| three.add(&sample(*v)));
         [three, sample(7.0), PixelSample::NONE].iter().enumerate().for_each(|(i, s)| film.add_pass(i as u32, &[*s]));
         assert_eq!(film.image().at(0, 0), [4.0; 3]);
         // Means 3 of three and 7 of one: 3/16 of the squared difference 16.

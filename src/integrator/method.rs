@@ -10,12 +10,17 @@ use crate::radiosity::RadiosityField;
 use crate::world::World;
 use serde::{Deserialize, Serialize};
 
+/// Probability with which `two-pass-unbiased` puts right what a gather ray reads.
+const RESIDUAL: f64 = 0.5;
+
 /// The closed list of methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Both passes, final gather (the default).
     TwoPass,
+    /// Both passes, the first as a control variate of the second.
+    TwoPassUnbiased,
     /// Both passes as in the classic papers: Whitted's recursion, shadow rays, stored radiosity.
     TwoPassWhitted,
     /// Pass two alone: Whitted's recursion and shadow rays.
@@ -79,8 +84,9 @@ pub struct Row {
 
 impl Method {
     /// All methods, in the order of `--list-methods`.
-    pub const ALL: [Method; 11] = [
+    pub const ALL: [Method; 12] = [
         Method::TwoPass,
+        Method::TwoPassUnbiased,
         Method::TwoPassWhitted,
         Method::WhittedOnly,
         Method::Radiosity,
@@ -111,6 +117,14 @@ impl Method {
                 false,
                 "radiosity, then shadow rays and an irradiance cache that gathers it, both refined as time passes",
                 "Wallace87, Ward88",
+            ),
+            Method::TwoPassUnbiased => row(
+                "two-pass-unbiased",
+                "L(S|D)*E",
+                Unbiased,
+                false,
+                "final gather whose rays put the stored radiosity right by random paths: no error but noise",
+                "Wallace87, Lafortune94",
             ),
             Method::TwoPassWhitted => row(
                 "two-pass-whitted",
@@ -199,6 +213,7 @@ impl Method {
     pub fn read_out(self) -> Option<ReadOut> {
         match self {
             Method::TwoPass => Some(ReadOut::Progressive),
+            Method::TwoPassUnbiased => Some(ReadOut::FinalGather),
             Method::TwoPassWhitted => Some(ReadOut::DirectStored),
             Method::Radiosity => Some(ReadOut::Stored),
             Method::WhittedOnly
@@ -231,9 +246,13 @@ impl Method {
         methods: &MethodSettings,
     ) -> Box<dyn Integrator + 'a> {
         let ambient = methods.ambient;
-        let whitted = |settings| Box::new(TwoPass { world, field, settings, cache: None, caustics: None, ambient, below: None });
+        let two_pass = |settings, residual| {
+            Box::new(TwoPass { world, field, settings, cache: None, caustics: None, ambient, below: None, residual })
+        };
+        let whitted = |settings| two_pass(settings, None);
         match self {
             Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
+            Method::TwoPassUnbiased => two_pass(settings, Some(RESIDUAL)),
             Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
             Method::Radiosity => Box::new(radiosity_view::RadiosityView::new(world, field, settings)),
             Method::Path => Box::new(path::PathTracer { world, settings, filter: methods.paths.clone() }),

@@ -94,6 +94,27 @@ impl Frame {
 pub trait Integrator: Sync {
     /// What pass `index` finds in all pixels of `frame`, one sample in the mean, and the rays it costs.
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
+
+    /// What the passes to come depend on besides scene, settings and their index, as bytes that another process can go on from. What can
+    /// be made again from less is not in it. Most methods need nothing.
+    fn state(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// True if its samples may be negative, their mean being right all the same.
+    fn is_signed(&self) -> bool {
+        false
+    }
+
+    /// Goes on where [`Self::state`] was taken, before its first pass here; false if the bytes make no sense.
+    fn take_up(&mut self, state: &[u8]) -> bool {
+        state.is_empty()
+    }
+}
+
+/// Bytes of a method's state.
+pub(crate) fn encode_state<T: Serialize>(state: &T) -> Vec<u8> {
+    postcard::to_stdvec(state).expect("plain numbers always have an encoding")
 }
 
 /// Where a camera sample starts.
@@ -210,4 +231,6 @@ pub struct TwoPass<'a> {
     pub ambient: f64,
     /// What gather rays read instead of a field.
     pub below: Option<Below<'a>>,
+    /// Probability with which what a gather ray reads is put right by looking afresh; `None`: it is taken as it is.
+    pub residual: Option<f64>,
 }

@@ -64,6 +64,10 @@ impl Integrator for TwoPass<'_> {
     fn pass(&mut self, frame: &FilmFrame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         super::each_pixel(self.world, &self.settings, frame, index, |start, counts| self.sample(start, counts))
     }
+
+    fn is_signed(&self) -> bool {
+        self.residual.is_some()
+    }
 }
 
 impl TwoPass<'_> {

@@ -8,6 +8,7 @@
 use crate::film::PixelSample;
 use crate::integrator::{Frame, PassPlan};
 use crate::math::sampler::mix;
+use serde::{Deserialize, Serialize};
 
 /// Share of the samples that is spread evenly: what the estimate overlooks is still found.
 const EVEN_SHARE: f64 = 0.2;
@@ -19,6 +20,7 @@ const RADIUS: usize = 2;
 const MANY: u32 = 12;
 
 /// The samples taken so far and those that come.
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Allocation {
     width: usize,
     height: usize,
