@@ -140,7 +140,8 @@ impl Failure {
                 PipelineError::Accel(_)
                 | PipelineError::Crop(..)
                 | PipelineError::NoFirstPass(_)
-                | PipelineError::OneReadOut(_) => USAGE,
+                | PipelineError::OneReadOut(_)
+                | PipelineError::NoVirtualRooms => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Stopped => INTERNAL,
             },

@@ -100,7 +100,16 @@ impl<'a> AmbientCaching<'a> {
 
     fn tracer<'b>(&'b self, cache: Option<&'b IrradianceCache>, below: Option<&'b IrradianceCache>) -> TwoPass<'b> {
         let below = (self.ambient.bounces > 0).then(|| Below::of(below));
-        TwoPass { world: self.world, field: None, settings: self.settings, cache, caustics: None, ambient: 0.0, below }
+        TwoPass {
+            world: self.world,
+            field: None,
+            settings: self.settings,
+            cache,
+            caustics: None,
+            ambient: 0.0,
+            below,
+            smooth: None,
+        }
     }
 
     fn make(&self, frame: &Frame, half: usize, counts: &mut RayCounts) -> (IrradianceCache, Option<IrradianceCache>) {

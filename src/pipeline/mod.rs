@@ -64,6 +64,9 @@ pub struct RenderSettings {
 /// of the two best, 4 adds passes, and with them antialiasing, more often.
 pub const DEFAULT_GATHER_RAYS: u32 = 4;
 
+/// Elements that the patch size aims at, unless it is given, where patches meet each other in virtual rooms.
+const VIRTUAL_ELEMENTS: f64 = 1500.0;
+
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
@@ -153,6 +156,11 @@ pub enum PipelineError {
     /// Another read-out was asked of a method that has one of its own.
     #[error("the method {} reads its first pass in one way only, so there is no read-out to choose", .0.name())]
     OneReadOut(Method),
+    /// Links between groups of patches hold no virtual rooms.
+    #[error(
+        "two-pass-planar cannot be done with hierarchical form factors: links hold no virtual rooms; expected analytic, hemicube or ray-cast"
+    )]
+    NoVirtualRooms,
     /// Stopped before there was anything to show.
     #[error("stopped before the first picture")]
     Stopped,
@@ -271,6 +279,14 @@ fn render_over(
     let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
     let mut first = if progressive { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
     first.extended &= settings.method.extends_form_factors();
+    if settings.method == Method::TwoPassPlanar {
+        if first.form_factors == FormFactorMethod::Hierarchical {
+            return Err(PipelineError::NoVirtualRooms);
+        }
+        first.virtual_rooms = Some(settings.methods.virtual_rooms.reflections);
+        // Every patch meets every other in each room.
+        first.patches.elements = first.patches.elements.min(VIRTUAL_ELEMENTS);
+    }
     let mut pass_one = if given.is_some() {
         given.filter(|_| needs_pass_one)
     } else if needs_pass_one {

@@ -65,6 +65,7 @@ impl Prober<'_> {
             caustics: None,
             ambient: 0.0,
             below: None,
+            smooth: None,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points

@@ -212,6 +212,7 @@ impl<'a> Progressive<'a> {
             caustics,
             ambient: 0.0,
             below: None,
+            smooth: None,
         }
     }
 }
