@@ -1,5 +1,6 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
+mod allocation;
 pub mod cost;
 pub mod direct;
 pub mod form_factor_table;

@@ -5,6 +5,7 @@
 //! times as fine, replaces the old one as soon as it costs no more than a share of what has been done. All is decided by
 //! counted rays, never by the clock, so that pictures are the same on any machine.
 
+use super::allocation::Allocation;
 use super::cost::StageCosts;
 use super::{PassOne, PassOneSettings, RenderSettings, pass_one};
 use crate::film::PixelSample;
@@ -30,8 +31,13 @@ const MOST_ELEMENTS: f64 = 65536.0;
 const PASS_ONE_SHARE: f64 = 0.35;
 /// Passes of the first round: one for each half.
 const FIRST_PASSES: u32 = 2;
-/// Gather rays of the caches of a round for each camera sample of that round.
-const FILL_SHARE: f64 = 1.0;
+/// Gather rays of the caches of the first two rounds for each camera sample of them; after that, by what is known of the errors.
+const FIRST_FILL: f64 = 1.0;
+/// Fewest and most gather rays of a round for each camera sample.
+const FILL: [f64; 2] = [0.5, 4.0];
+/// Weight of a cache's error beside that of camera samples: what costs a gather ray costs half a camera sample; a cache has a bias besides
+/// the noise that shows; and the error of camera samples falls faster than their number grows.
+const CACHE_WEIGHT: f64 = 12.0;
 /// Rays of a record in the first round; they grow by the fourth root of two from round to round: what a round has more goes into more
 /// records rather than better ones, since what is left of the error is mostly that of interpolation.
 const FIRST_RAYS: f64 = 64.0;
@@ -53,7 +59,7 @@ const LEAST_CLOSEST: f64 = 0.25;
 /// Most rays of a record.
 const MOST_RAYS: f64 = 4096.0;
 /// Farthest records in pixels.
-const FARTHEST: f64 = 32.0;
+const FARTHEST: f64 = 20.0;
 
 /// Rounds of passes with their caches and solutions.
 pub(super) struct Progressive<'a> {
@@ -72,6 +78,11 @@ pub(super) struct Progressive<'a> {
     caches: [Option<IrradianceCache>; 2],
     caustics: [Option<CausticMap>; 2],
     accuracy: f64,
+    /// Gather rays of this round for each camera sample.
+    fill: f64,
+    /// Camera samples a pixel and gather rays of caches so far, a pixel.
+    spent: [f64; 2],
+    allocation: Option<Allocation>,
     costs: StageCosts,
     /// Rays so far, pass one included.
     pub counts: RayCounts,
@@ -113,6 +124,9 @@ impl<'a> Progressive<'a> {
             caches: [None, None],
             caustics: [None, None],
             accuracy: FIRST_ACCURACY,
+            fill: FIRST_FILL,
+            spent: [0.0; 2],
+            allocation: None,
             costs: StageCosts::default(),
             counts,
         }
@@ -129,6 +143,14 @@ impl<'a> Progressive<'a> {
         self.round_end += FIRST_PASSES << self.round.min(24);
         let made: Vec<usize> = self.caches.iter().flatten().map(IrradianceCache::len).collect();
         self.caches = [None, None];
+        if let Some(allocation) = &mut self.allocation {
+            allocation.refine();
+            // Least of own/samples + shared/rays for a given samples + rays, each error falling with the effort that went into it.
+            let [samples, rays] = self.spent;
+            let fill =
+                if self.round < 2 { FIRST_FILL } else { (CACHE_WEIGHT * allocation.shared_over_own() * rays / samples).sqrt() };
+            self.fill = fill.clamp(FILL[0], FILL[1]);
+        }
         // As many records as the next budget has rays for: their number goes with the inverse square of the reach. A cache that ran
         // out of rays keeps its reach, and the next one gets farther with it.
         if let Some(&made) = made.iter().max() {
@@ -171,13 +193,13 @@ impl<'a> Progressive<'a> {
     }
 
     fn rays_per_record(&self) -> f64 {
-        (FIRST_RAYS * self.finer().sqrt()).min(MOST_RAYS)
+        (FIRST_RAYS * self.finer().sqrt() * self.fill).min(MOST_RAYS)
     }
 
     /// Rays that the cache of one half may cost in this round.
     fn most_rays(&self, frame: &Frame) -> u64 {
         let passes = f64::from(FIRST_PASSES) * 2.0_f64.powi(self.round.min(40) as i32);
-        (0.5 * FILL_SHARE * passes * frame.n_pixels() as f64) as u64
+        (0.5 * self.fill * passes * frame.n_pixels() as f64) as u64
     }
 
     /// How the cache of one half is made in this round.
@@ -227,12 +249,19 @@ impl Integrator for Progressive<'_> {
         if self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
             self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
+            let before = counts.gather;
             let cache = self.two_pass(half, None).fill(frame, &settings, &mut counts);
+            self.spent[1] += (counts.gather - before) as f64 / frame.n_pixels() as f64;
             // Looking for places cuts paths as well, but none of a camera sample.
             (counts.truncated, counts.truncated_weight) = (0, 0);
             self.caches[half] = Some(cache);
         }
-        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).pass(frame, index);
+        let mut allocation = self.allocation.take().unwrap_or_else(|| Allocation::new(frame, self.seed));
+        let plan = allocation.next(half);
+        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).planned_pass(frame, plan);
+        allocation.add(half, &samples);
+        self.allocation = Some(allocation);
+        self.spent[0] += 1.0;
         counts += of_pass;
         self.counts += counts;
         (samples, counts)

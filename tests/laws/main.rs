@@ -20,6 +20,7 @@ mod glossy;
 mod invariance;
 mod lamps;
 mod light;
+mod links;
 mod loading;
 mod loading_gltf;
 mod loading_materials;
