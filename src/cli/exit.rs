@@ -143,7 +143,8 @@ impl Failure {
                 PipelineError::Accel(_)
                 | PipelineError::Crop(..)
                 | PipelineError::NoFirstPass(_)
-                | PipelineError::OneReadOut(_) => USAGE,
+                | PipelineError::OneReadOut(_)
+                | PipelineError::NoVirtualRooms => USAGE,
                 PipelineError::Solve(_) => CHECK,
                 PipelineError::Unfinished(_) => INPUT,
                 PipelineError::Stopped => INTERNAL,

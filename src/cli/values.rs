@@ -88,6 +88,12 @@ pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())
 }
 
+/// Parses how many mirrors a way may pass in a row.
+pub fn parse_reflections(text: &str) -> Result<u32, String> {
+    let most = 1..=8;
+    text.parse().ok().filter(|n| most.contains(n)).ok_or_else(|| "expected a whole number from 1 to 8".to_owned())
+}
+
 /// Parses a number above 0 and up to 1.
 pub fn parse_share(text: &str) -> Result<f64, String> {
     parse_positive(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "expected a number above 0, 1 at most".to_owned())

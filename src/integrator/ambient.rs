@@ -118,6 +118,7 @@ impl<'a> AmbientCaching<'a> {
             ambient: 0.0,
             below,
             residual: None,
+            smooth: None,
         }
     }
 

@@ -23,13 +23,14 @@ pub use path_filter::PathFilter;
 use crate::film::PixelSample;
 use crate::geometry::Ray;
 use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
-use crate::radiosity::RadiosityField;
+use crate::radiosity::{Interpolation, RadiosityField};
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, World};
 use caustic_map::CausticMap;
 use irradiance_cache::{Below, IrradianceCache};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// How pass two reads pass one at a diffuse surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -233,4 +234,6 @@ pub struct TwoPass<'a> {
     pub below: Option<Below<'a>>,
     /// Probability with which what a gather ray reads is put right by looking afresh; `None`: it is taken as it is.
     pub residual: Option<f64>,
+    /// Makes stored radiosity smooth between patches where it is shown as it is.
+    pub smooth: Option<Arc<Interpolation>>,
 }

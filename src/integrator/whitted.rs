@@ -130,7 +130,8 @@ impl TwoPass<'_> {
             *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
             *trace.sample.layer(Quantity::Irradiance) += irradiance;
             if read_out == ReadOut::Stored && depth + 2 <= limit {
-                *trace.sample.layer(Quantity::Indirect) += reflect(stored);
+                let shown = self.smooth.as_ref().map_or(stored, |smooth| smooth.irradiance(field, si));
+                *trace.sample.layer(Quantity::Indirect) += reflect(shown);
             }
         } else if read_out != ReadOut::FinalGather && !shading.has_diffuse() {
             // Gloss alone has nothing stored.

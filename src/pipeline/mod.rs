@@ -70,6 +70,9 @@ pub struct RenderSettings {
 /// of the two best, 4 adds passes, and with them antialiasing, more often.
 pub const DEFAULT_GATHER_RAYS: u32 = 4;
 
+/// Elements that the patch size aims at, unless it is given, where patches meet each other in virtual rooms.
+const VIRTUAL_ELEMENTS: f64 = 1500.0;
+
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
@@ -163,6 +166,11 @@ pub enum PipelineError {
     /// The state of an unfinished run is not one of this method in this version.
     #[error("the unfinished run holds no state of the method {}", .0.name())]
     Unfinished(Method),
+    /// Links between groups of patches hold no virtual rooms.
+    #[error(
+        "two-pass-planar cannot be done with hierarchical form factors: links hold no virtual rooms; expected analytic, hemicube or ray-cast"
+    )]
+    NoVirtualRooms,
     /// Stopped before there was anything to show.
     #[error("stopped before the first picture")]
     Stopped,
@@ -284,6 +292,14 @@ fn render_over(
     let coarse = progressive || settings.method == Method::TwoPassUnbiased;
     let mut first = if coarse { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
     first.extended &= settings.method.extends_form_factors();
+    if settings.method == Method::TwoPassPlanar {
+        if first.form_factors == FormFactorMethod::Hierarchical {
+            return Err(PipelineError::NoVirtualRooms);
+        }
+        first.virtual_rooms = Some(settings.methods.virtual_rooms.reflections);
+        // Every patch meets every other in each room.
+        first.patches.elements = first.patches.elements.min(VIRTUAL_ELEMENTS);
+    }
     let mut pass_one = if given.is_some() {
         given.filter(|_| needs_pass_one)
     } else if needs_pass_one {

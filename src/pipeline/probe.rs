@@ -66,6 +66,7 @@ impl Prober<'_> {
             ambient: 0.0,
             below: None,
             residual: None,
+            smooth: None,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points

@@ -279,6 +279,7 @@ impl<'a> Progressive<'a> {
             ambient: 0.0,
             below: None,
             residual: None,
+            smooth: None,
         }
     }
 }

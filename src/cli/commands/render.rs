@@ -167,6 +167,10 @@ fn check_solution_flags(args: &RenderArgs, has_first_pass: bool) -> Result<(), F
             "{flag} says how pass one is done, which --solution brings with it: give one of them"
         )));
     }
+    if args.method == Method::TwoPassPlanar {
+        let message = "a kept solution holds light by way of all mirrors and glass, which two-pass-planar does not carry; expected two-pass-general";
+        return Err(Failure::Usage(message.to_owned()));
+    }
     match has_first_pass {
         true => Ok(()),
         false => Err(Failure::Usage(format!("the method {} has no first pass to take from --solution", args.method.name()))),
@@ -197,6 +201,7 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
     report::set(run_report, "max_depth", depth);
     report::set(run_report, "gather_rays", settings.gather_rays);
+    report::set(run_report, "reflections", args.methods.reflections);
     report::set(run_report, "ambient", args.methods.ambient);
     report::set(run_report, "photons", args.methods.photons);
     report::set(run_report, "ambient_bounces", args.methods.ambient_bounces);
