@@ -11,6 +11,7 @@ use crate::film::PixelSample;
 use crate::math::sampler::mix;
 use crate::world::World;
 use crate::world::walk::RayCounts;
+use std::marker::PhantomData;
 
 /// Passes of the first round: one for each half.
 const FIRST_PASSES: u32 = 2;
@@ -100,7 +101,16 @@ impl<'a> AmbientCaching<'a> {
 
     fn tracer<'b>(&'b self, cache: Option<&'b IrradianceCache>, below: Option<&'b IrradianceCache>) -> TwoPass<'b> {
         let below = (self.ambient.bounces > 0).then(|| Below::of(below));
-        TwoPass { world: self.world, field: None, settings: self.settings, cache, caustics: None, ambient: 0.0, below }
+        TwoPass {
+            world: self.world,
+            field: None,
+            settings: self.settings,
+            cache,
+            caustics: None,
+            ambient: 0.0,
+            below,
+            stages: PhantomData,
+        }
     }
 
     fn make(&self, frame: &Frame, half: usize, counts: &mut RayCounts) -> (IrradianceCache, Option<IrradianceCache>) {

@@ -7,8 +7,9 @@ use super::metropolis::{Metropolis, MetropolisSettings};
 use super::photon::{PhotonMapper, Sppm};
 use super::{Integrator, IntegratorSettings, PathFilter, ReadOut, TwoPass, path, radiosity_view};
 use crate::radiosity::RadiosityField;
-use crate::world::World;
+use crate::world::{Stages, World};
 use serde::{Deserialize, Serialize};
+use std::marker::PhantomData;
 
 /// The closed list of methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -222,8 +223,13 @@ impl Method {
         self != Method::Radiosity
     }
 
-    /// The method at work on a scene. `field` is there if the method reads one and some path is long enough to need it.
-    pub fn integrator<'a>(
+    /// True if its rays are followed by code that is compiled for the stages a scene needs; the others hold all stages.
+    pub fn is_by_stages(self) -> bool {
+        matches!(self, Method::TwoPass | Method::TwoPassWhitted | Method::WhittedOnly | Method::Path)
+    }
+
+    /// The method at work on a scene, by code that holds the stages `K` where [`Self::is_by_stages`]. `field` is there if the method reads one and some path is long enough to need it.
+    pub fn integrator<'a, K: Stages>(
         self,
         world: &'a World,
         field: Option<&'a RadiosityField>,
@@ -231,12 +237,15 @@ impl Method {
         methods: &MethodSettings,
     ) -> Box<dyn Integrator + 'a> {
         let ambient = methods.ambient;
-        let whitted = |settings| Box::new(TwoPass { world, field, settings, cache: None, caustics: None, ambient, below: None });
+        let stages = PhantomData;
+        let whitted = |settings| {
+            Box::new(TwoPass::<K> { world, field, settings, cache: None, caustics: None, ambient, below: None, stages })
+        };
         match self {
             Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
             Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
             Method::Radiosity => Box::new(radiosity_view::RadiosityView::new(world, field, settings)),
-            Method::Path => Box::new(path::PathTracer { world, settings, filter: methods.paths.clone() }),
+            Method::Path => Box::new(path::PathTracer::<K> { world, settings, filter: methods.paths.clone(), stages }),
             Method::Light => Box::new(LightTracer::new(world, settings)),
             Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),
             Method::PhotonMap => Box::new(PhotonMapper::new(world, settings, methods.photons)),

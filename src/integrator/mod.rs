@@ -13,6 +13,7 @@ pub mod metropolis;
 pub mod path;
 mod path_filter;
 pub mod photon;
+mod plain;
 pub mod radiosity_view;
 mod splat;
 pub mod whitted;
@@ -25,11 +26,12 @@ use crate::geometry::Ray;
 use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::RadiosityField;
 use crate::world::walk::RayCounts;
-use crate::world::{DirectSampling, World};
+use crate::world::{All, DirectSampling, Stages, World};
 use caustic_map::CausticMap;
 use irradiance_cache::{Below, IrradianceCache};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::marker::PhantomData;
 
 /// How pass two reads pass one at a diffuse surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -153,7 +155,7 @@ fn each_pixel(
 }
 
 /// Both passes over one field.
-pub struct TwoPass<'a> {
+pub struct TwoPass<'a, K: Stages = All> {
     /// The scene.
     pub world: &'a World,
     /// The solution of pass one; `None` when no path is long enough to need it.
@@ -168,4 +170,6 @@ pub struct TwoPass<'a> {
     pub ambient: f64,
     /// What gather rays read instead of a field.
     pub below: Option<Below<'a>>,
+    /// The stages that its code holds.
+    pub stages: PhantomData<K>,
 }

@@ -7,8 +7,9 @@ use crate::patch::{PatchId, PatchMesh};
 use crate::radiosity::Incident;
 use crate::scene::Scene;
 use crate::world::partition::{EmitterPartition, LARGE_SHARE};
+use crate::world::stages::ByStages;
 use crate::world::walk::RayCounts;
-use crate::world::{DirectSampling, ShadowRay, World};
+use crate::world::{DirectSampling, ShadowRay, Stages, World};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -166,47 +167,68 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
     if apart {
         lights.iter().enumerate().for_each(|(lamp, &light)| lamp_of_light[light] = lamp);
     }
-    let measured: Vec<(Vec<Incident>, RayCounts)> = (0..patches.len() as u32)
-        .into_par_iter()
-        .map(|i| {
-            let mut counts = RayCounts::default();
-            let share = (patches.area[i as usize] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
-            let points = (DIRECT_POINTS * share) as u64;
-            let mut sums = vec![Incident::default(); n_lamps];
-            for k in 0..points {
-                let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), u64::from(i), k);
-                let mut at = patches.sample(world, PatchId(i), sampler.next_2d());
-                // Radiosity belongs to the faces themselves, not to the smoothed normals.
-                at.ns = at.ng;
-                let shading = world.shading(&at);
-                // The two parts of what is carried: as it arrives, and as it is accepted.
-                let respond = |ray: &ShadowRay| {
-                    let cos = ray.direction.dot(at.ng);
-                    if cos <= 0.0 {
-                        return Scattering::default();
-                    }
-                    let arriving = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
-                    Scattering { diffuse: arriving, glossy: arriving * shading.acceptance(ray.direction) }
-                };
-                let sampling = DirectSampling::OF_PATCHES;
-                world.direct_by_light(&at, Some(at.ng), sampling, &mut sampler, &mut counts, respond, |light, found| {
-                    let sum = &mut sums[lamp_of_light[light]];
-                    sum.irradiance += found.diffuse;
-                    sum.accepted += found.glossy;
-                });
-            }
-            for sum in &mut sums {
-                (sum.irradiance, sum.accepted) = (sum.irradiance / points as f64, sum.accepted / points as f64);
-            }
-            (sums, counts)
-        })
-        .collect();
+    let measured = world.needs().choose(Measure { world, patches, gather_rays, seed, lamp_of_light, n_lamps });
     measured.iter().for_each(|(_, c)| *counts += *c);
     let of_lamp = |lamp: usize| LampLight {
         lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
         incident: measured.iter().map(|(sums, _)| sums[lamp]).collect(),
     };
     (0..n_lamps).map(of_lamp).collect()
+}
+
+/// The shadow rays of [`measure`].
+struct Measure<'a> {
+    world: &'a World,
+    patches: &'a PatchMesh,
+    gather_rays: f64,
+    seed: u64,
+    lamp_of_light: Vec<usize>,
+    n_lamps: usize,
+}
+
+impl ByStages for Measure<'_> {
+    /// By patch: the light of each lamp, and the rays it cost.
+    type Output = Vec<(Vec<Incident>, RayCounts)>;
+
+    fn run<K: Stages>(self) -> Self::Output {
+        (0..self.patches.len() as u32).into_par_iter().map(|i| self.patch::<K>(i)).collect()
+    }
+}
+
+impl Measure<'_> {
+    fn patch<K: Stages>(&self, i: u32) -> (Vec<Incident>, RayCounts) {
+        let Self { world, patches, gather_rays, seed, ref lamp_of_light, n_lamps } = *self;
+        let mut counts = RayCounts::default();
+        let share = (patches.area[i as usize] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
+        let points = (DIRECT_POINTS * share) as u64;
+        let mut sums = vec![Incident::default(); n_lamps];
+        for k in 0..points {
+            let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), u64::from(i), k);
+            let mut at = patches.sample_by::<K>(world, PatchId(i), sampler.next_2d());
+            // Radiosity belongs to the faces themselves, not to the smoothed normals.
+            at.ns = at.ng;
+            let shading = world.shading_by::<K>(&at);
+            // The two parts of what is carried: as it arrives, and as it is accepted.
+            let respond = |ray: &ShadowRay| {
+                let cos = ray.direction.dot(at.ng);
+                if cos <= 0.0 {
+                    return Scattering::default();
+                }
+                let arriving = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
+                Scattering { diffuse: arriving, glossy: arriving * shading.acceptance(ray.direction) }
+            };
+            let sampling = DirectSampling::OF_PATCHES;
+            world.direct_by_light::<K>(&at, Some(at.ng), sampling, &mut sampler, &mut counts, respond, |light, found| {
+                let sum = &mut sums[lamp_of_light[light]];
+                sum.irradiance += found.diffuse;
+                sum.accepted += found.glossy;
+            });
+        }
+        for sum in &mut sums {
+            (sum.irradiance, sum.accepted) = (sum.irradiance / points as f64, sum.accepted / points as f64);
+        }
+        (sums, counts)
+    }
 }
 
 /// What was measured, for the strengths that the lamps have now; `None` if it does not say: of a lamp that was dark in some channel.

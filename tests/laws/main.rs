@@ -30,6 +30,7 @@ mod material_laws;
 mod metrics;
 mod patches;
 mod path;
+mod plan;
 mod sky;
 mod solution_file;
 mod solvers;
