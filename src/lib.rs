@@ -15,7 +15,7 @@
 //! | I | intensity | W sr⁻¹ | [`math::Rgb`] |
 //!
 //! Modules in reading order: [`geometry`], [`accel`], [`material`], [`light`], [`scene`], [`load`], [`world`], [`patch`],
-//! [`form_factor`], [`radiosity`], [`integrator`], [`pipeline`].
+//! [`form_factor`], [`radiosity`], [`integrator`], [`plan`], [`pipeline`].
 
 pub mod accel;
 pub mod experiment;
@@ -30,6 +30,7 @@ pub mod math;
 pub mod metrics;
 pub mod patch;
 pub mod pipeline;
+pub mod plan;
 pub mod progress;
 pub mod radiosity;
 pub mod run_report;

@@ -38,6 +38,9 @@ pub struct RunReport {
     pub samples_per_pixel: f64,
     /// The error the renderer predicts for its picture, as relMSE.
     pub estimated_relmse: Option<f64>,
+    /// The stages kept and left out, and why.
+    #[serde(default)]
+    pub plan: Vec<StageDecision>,
     /// Time by stage, in the order in which the stages began.
     pub stages: Vec<StageTime>,
     /// The picture at earlier times, where that was asked for. Writing these is in no time of the report.
@@ -67,6 +70,17 @@ pub struct RunReport {
     pub complete: bool,
     /// Why it ended.
     pub stopped_by: StopReason,
+}
+
+/// What became of a stage that not every scene needs.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageDecision {
+    /// Name of the stage.
+    pub stage: String,
+    /// False if it was left out.
+    pub kept: bool,
+    /// Why.
+    pub reason: String,
 }
 
 /// Time spent in a stage.
@@ -192,6 +206,7 @@ impl RunReport {
             threads: 0,
             samples_per_pixel: 0.0,
             estimated_relmse: None,
+            plan: Vec::new(),
             stages: Vec::new(),
             snapshots: Vec::new(),
             counters: BTreeMap::new(),

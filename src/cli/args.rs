@@ -70,9 +70,27 @@ pub struct Common {
     /// Refuse a first pass that would take more memory than this, before it is taken; default: the memory of the machine
     #[arg(long, global = true, value_name = "BYTES[K|M|G]", value_parser = parse_bytes, help_heading = "Common options")]
     pub max_memory: Option<u64>,
-    /// Not delivered yet
-    #[arg(long, global = true, hide = true)]
-    pub plan: Option<String>,
+    /// Stages that the scene does not need: left out (lean), or at work all the same (full); the picture is the same
+    #[arg(long, global = true, value_name = "MODE", default_value = "lean", help_heading = "Common options")]
+    pub plan: PlanMode,
+}
+
+/// Whether stages that a scene does not need are left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PlanMode {
+    /// Left out.
+    Lean,
+    /// At work all the same.
+    Full,
+}
+
+impl From<PlanMode> for twopass::plan::Mode {
+    fn from(mode: PlanMode) -> Self {
+        match mode {
+            PlanMode::Lean => Self::Lean,
+            PlanMode::Full => Self::Full,
+        }
+    }
 }
 
 /// When progress is drawn.
@@ -368,12 +386,11 @@ pub struct StabilityArgs {
 impl Args {
     /// What was asked for that this version does not do yet or does not know: a sentence for the user.
     pub fn not_delivered(&self) -> Option<String> {
-        let common = &self.common;
-        first_given(&[("--plan", common.plan.is_some())]).or_else(|| match self.command.as_ref()? {
+        match self.command.as_ref()? {
             Command::Render(_) | Command::Solve(_) | Command::Probe(_) | Command::FormFactors(_) => None,
             Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
             Command::Serve(_) => Some(later("the subcommand serve")),
-        })
+        }
     }
 }
 
@@ -389,10 +406,6 @@ impl PassOneArgs {
         ];
         flags.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
     }
-}
-
-fn first_given(flags: &[(&str, bool)]) -> Option<String> {
-    flags.iter().find(|(_, given)| *given).map(|(name, _)| later(name))
 }
 
 fn later(name: &str) -> String {
@@ -456,7 +469,7 @@ mod tests {
     #[test]
     fn what_comes_later_is_refused_and_named() {
         let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
-        for (line, name) in [("twopass render a.xml --plan full", "--plan"), ("twopass serve a.xml --port 80", "serve")] {
+        for (line, name) in [("twopass serve a.xml --port 80", "serve")] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
             assert!(message.contains(name), "{line}: {message}");
         }

@@ -9,7 +9,8 @@ use twopass::film::Film;
 use twopass::integrator::drive::Budget;
 use twopass::load::LoadedScene;
 use twopass::pipeline::{PassOne, PipelineError, StageCost};
-use twopass::run_report::{Closure, Elapsed, NotFinite, PowerBalance, RunReport, SolverReport, StopReason};
+use twopass::plan::{Decision, Plan};
+use twopass::run_report::{Closure, Elapsed, NotFinite, PowerBalance, RunReport, SolverReport, StageDecision, StopReason};
 use twopass::world::walk::RayCounts;
 
 /// Relative error of radiosities, by rows that do not close, above which it is worth a warning.
@@ -25,6 +26,7 @@ pub fn begin(common: &Common, loaded: &LoadedScene, method: &str, loading: Elaps
     report.threads = rayon::current_num_threads();
     report.warnings = loaded.scene.warnings.clone();
     report.dropped_triangles = loaded.scene.dropped_triangles as u64;
+    report.settings.insert("plan".to_owned(), twopass::plan::Mode::from(common.plan).name().into());
     report.settings.insert("accel".to_owned(), common.accel.name().into());
     report.add_time(twopass::progress::Stage::Load, loading);
     report
@@ -59,6 +61,11 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
     for (name, count) in [
         ("camera_rays", counts.camera),
         ("shadow_rays", counts.shadow),
+        ("visibility_tests", counts.visibility),
+        ("lobe_evaluations", counts.lobes),
+        ("uv_evaluations", counts.uv),
+        ("distant_light_looks", counts.distant),
+        ("light_choices", counts.light_choices),
         ("gather_rays", counts.gather),
         ("form_factor_rays", counts.form_factor),
         ("reflected_rays", counts.reflected),
@@ -68,6 +75,12 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
         report.count(name, count);
     }
     report.truncated_share = counts.truncated_share();
+}
+
+/// Adds what the plan kept and left out.
+pub fn add_plan(report: &mut RunReport, plan: &Plan) {
+    let decision = |d: &Decision| StageDecision { stage: d.stage.to_owned(), kept: d.kept, reason: d.reason.clone() };
+    report.plan = plan.decisions.iter().map(decision).collect();
 }
 
 /// Adds what pass one found.
@@ -83,6 +96,7 @@ pub fn add_pass_one(common: &Common, report: &mut RunReport, pass_one: &PassOne)
         report.count(name, if is_kept { 0 } else { amount });
         report.count(kept_name, if is_kept { amount } else { 0 });
     }
+    report.count("solver_channels", pass_one.channels.into());
     let raw = pass_one.form_factors.closure();
     report.closure = Some(Closure {
         raw_row_sum_min: raw.row_sum_min,

@@ -112,6 +112,16 @@ impl FormFactorMatrix {
         Rgb::new(sum(0), sum(1), sum(2)) * self.row_scale[i]
     }
 
+    /// As [`FormFactors::gather`], of what is equal in all channels: the same bits by a third of the products.
+    pub fn gather_grey(&self, x: &[Rgb], out: &mut [Rgb]) {
+        let x: Vec<f64> = x.iter().map(|x| x.r).collect();
+        out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| {
+            let direct = self.direct(i).fold(0.0, |sum, (j, f)| sum + x[j] * f);
+            let specular = self.specular(i).fold(0.0, |sum, (j, f)| sum + x[j] * f.r);
+            *out = Rgb::grey(direct + specular);
+        });
+    }
+
     /// Measures reciprocity, then makes the direct part symmetric in A_i F_ij and scales it back to the row sums it had.
     ///
     /// Each pair is averaged with weights inverse to the variances of its two estimates, A_i S_ij / `rays`_i. The scaling is a symmetric Sinkhorn iteration D S D: averaging alone would destroy closure, which

@@ -9,6 +9,7 @@ pub mod hierarchy;
 pub mod matrix;
 pub mod memory;
 pub mod method;
+pub mod one_channel;
 pub mod outside;
 pub mod pairs;
 pub mod polygon;
@@ -20,6 +21,7 @@ pub mod visibility;
 pub use hierarchy::Hierarchy;
 pub use matrix::FormFactorMatrix;
 pub use method::{FormFactorMethod, FormFactorSettings};
+pub use one_channel::OneChannel;
 pub use outside::Outside;
 pub use stored::Stored;
 

@@ -9,8 +9,9 @@ use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::{Observer, Progress, Stage};
 use crate::world::sight::{Origin, cosine_density};
+use crate::world::stages::ByStages;
 use crate::world::walk::{Event, RayCounts};
-use crate::world::{DirectSampling, Sight, World};
+use crate::world::{DirectSampling, Sight, Stages, World};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
@@ -59,9 +60,7 @@ pub fn cast(
     let mut outside = Outside::default();
     while rows.len() < n {
         let batch = rows.len()..n.min(rows.len() + BATCH);
-        let cast: Vec<(Row, OutsideRow, RayCounts)> =
-            batch.into_par_iter().map(|i| cast_row(world, patches, PatchId(i as u32), settings)).collect();
-        for (row, beside, row_counts) in cast {
+        for (row, beside, row_counts) in world.needs().choose(CastRows { world, patches, settings, batch }) {
             rows.push(row);
             outside.push(beside);
             *counts += row_counts;
@@ -84,8 +83,30 @@ pub fn cast(
     Some((matrix, outside))
 }
 
+/// The rays of some rows.
+struct CastRows<'a> {
+    world: &'a World,
+    patches: &'a PatchMesh,
+    settings: &'a RayCastSettings,
+    batch: std::ops::Range<usize>,
+}
+
+impl ByStages for CastRows<'_> {
+    type Output = Vec<(Row, OutsideRow, RayCounts)>;
+
+    fn run<K: Stages>(self) -> Self::Output {
+        let Self { world, patches, settings, batch } = self;
+        batch.into_par_iter().map(|i| cast_row::<K>(world, patches, PatchId(i as u32), settings)).collect()
+    }
+}
+
 /// The row of one patch.
-fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastSettings) -> (Row, OutsideRow, RayCounts) {
+fn cast_row<K: Stages>(
+    world: &World,
+    patches: &PatchMesh,
+    id: PatchId,
+    settings: &RayCastSettings,
+) -> (Row, OutsideRow, RayCounts) {
     let mut counts = RayCounts::default();
     let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
@@ -94,15 +115,22 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
     let rays = settings.rays_of(patches, id.0 as usize);
     for k in 0..rays {
         let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
-        let from = patches.sample(world, id, sampler.next_2d());
+        let from = patches.sample_by::<K>(world, id, sampler.next_2d());
         let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(sampler.next_2d()));
         counts.form_factor += 1;
+        if K::PLAIN {
+            match world.meet_flat::<K>(&from.spawn(direction)) {
+                Some(met) => direct.extend(patches.patch_on_flat(met.primitive, met.place, met.front).map(|j| j.0)),
+                None => escaped += Rgb::WHITE,
+            }
+            continue;
+        }
         // Densities are per shadow ray, so that the shares do not depend on how many of either kind there are.
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
         let sampling = DirectSampling::OF_PATCHES;
         let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
         let mut found = Rgb::BLACK;
-        world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {
+        world.follow_by::<K>(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
                 if let Some(j) = patches.patch_at(at) {
                     if through == 0 {
@@ -121,7 +149,9 @@ fn cast_row(world: &World, patches: &PatchMesh, id: PatchId, settings: &RayCastS
             Event::Lit { .. } => {}
             Event::Escaped { direction, throughput, share, .. } => {
                 escaped += throughput;
-                found += throughput * world.scene().escaped_radiance(direction) * share;
+                if K::DISTANT {
+                    found += throughput * world.scene().escaped_radiance(direction) * share;
+                }
             }
             Event::Truncated { throughput } => truncated += throughput,
         });

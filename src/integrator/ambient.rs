@@ -12,6 +12,7 @@ use crate::math::sampler::mix;
 use crate::world::World;
 use crate::world::walk::RayCounts;
 use serde::{Deserialize, Serialize};
+use std::marker::PhantomData;
 
 /// Passes of the first round: one for each half.
 const FIRST_PASSES: u32 = 2;
@@ -119,6 +120,7 @@ impl<'a> AmbientCaching<'a> {
             below,
             residual: None,
             smooth: None,
+            stages: PhantomData,
         }
     }
 

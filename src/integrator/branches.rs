@@ -5,7 +5,7 @@ use super::whitted::{Path, Trace};
 use crate::material::{Lobe, Lobes};
 use crate::math::Rgb;
 use crate::world::sight::Origin;
-use crate::world::{Shading, Sight, SurfaceInteraction};
+use crate::world::{Shading, Sight, Stages, SurfaceInteraction};
 
 /// Down to this depth all branches are followed; below it one is chosen at random. With three levels a pane
 /// before a glass still branches fully, and a pixel never costs more than eight paths.
@@ -38,7 +38,7 @@ enum Chosen {
     Ideal(Lobe),
 }
 
-impl TwoPass<'_> {
+impl<K: Stages> TwoPass<'_, K> {
     /// Decides how the path goes on at a hit.
     pub(super) fn branches(&self, shading: &Shading<'_>, path: &Path, trace: &mut Trace<'_>) -> Branches {
         let lobes = shading.lobes();
@@ -79,8 +79,8 @@ fn followed(favour: f64, power: f64) -> f64 {
 }
 
 /// Follows the branches chosen.
-pub(super) fn follow(
-    two_pass: &TwoPass<'_>,
+pub(super) fn follow<K: Stages>(
+    two_pass: &TwoPass<'_, K>,
     si: &SurfaceInteraction,
     shading: &Shading<'_>,
     branches: &Branches,
@@ -108,14 +108,14 @@ pub(super) fn follow(
 }
 
 /// What every continuation needs.
-struct Go<'a> {
-    two_pass: &'a TwoPass<'a>,
+struct Go<'a, K: Stages> {
+    two_pass: &'a TwoPass<'a, K>,
     si: &'a SurfaceInteraction,
     shading: &'a Shading<'a>,
     path: &'a Path,
 }
 
-impl Go<'_> {
+impl<K: Stages> Go<'_, K> {
     fn ideal(&self, lobe: &Lobe, probability: f64, survival: f64, trace: &mut Trace<'_>) {
         let Some(direction) = self.shading.direction(lobe) else { return };
         // Straight on, the ray still looks where it was sent.

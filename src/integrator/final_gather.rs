@@ -16,10 +16,10 @@ use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
 use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::{Event, RayCounts};
-use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
+use crate::world::{Shading, ShadowRay, Sight, Stages, SurfaceInteraction};
 
 /// How often in a row a gather ray that ends too near is continued, before it reads a patch all the same.
-const NEAR_LEVELS: u32 = 4;
+pub(super) const NEAR_LEVELS: u32 = 4;
 
 /// What a gather ray brings.
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +32,7 @@ pub(super) struct Gathered {
     pub distance: f32,
 }
 
-impl TwoPass<'_> {
+impl<K: Stages> TwoPass<'_, K> {
     /// Gather rays at a diffuse part of reflectance `rho` that the camera sees with weight `weight`: a faint one needs fewer.
     pub(super) fn gather_rays(&self, weight_rho: Rgb) -> u32 {
         let wanted = self.settings.gather_rays;
@@ -94,6 +94,9 @@ impl TwoPass<'_> {
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Gathered {
+        if K::PLAIN {
+            return self.plain_gathered(&ray, depth, levels, sampler, counts);
+        }
         let mut distance = f32::INFINITY;
         let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;
         let mut to_light: Vec<(SurfaceInteraction, Rgb)> = Vec::new();
@@ -101,7 +104,7 @@ impl TwoPass<'_> {
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
-        self.world.follow(ray, sight, sampler, limit.saturating_sub(depth + 1), counts, |event| match event {
+        self.world.follow_by::<K>(ray, sight, sampler, limit.saturating_sub(depth + 1), counts, |event| match event {
             Event::Surface { at, shading, throughput, through, emission_share, by_ideal_lobes } => {
                 if through == 0 {
                     distance = at.t;
@@ -138,7 +141,9 @@ impl TwoPass<'_> {
                 }
             }
             Event::Escaped { direction, throughput, share, .. } => {
-                emitted += throughput * scene.escaped_radiance(direction) * share;
+                if K::DISTANT {
+                    emitted += throughput * scene.escaped_radiance(direction) * share;
+                }
             }
             Event::Truncated { .. } => {}
         });
@@ -169,28 +174,35 @@ impl TwoPass<'_> {
 
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and the records of the bounce before.
     fn lit(&self, si: &SurfaceInteraction, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
-        let shading = self.world.shading(si);
+        let shading = self.world.shading_by::<K>(si);
         // As many gather rays as the records took to be beside shadow rays.
         let rays = f64::from(self.settings.gather_rays);
         let respond = |ray: &ShadowRay| {
             let share = ray.share_beside_gather_rays(rays, ray.direction.dot(shading.normal()));
             Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
         };
-        let direct = self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        let direct = self.world.direct_by::<K>(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
         let stored = self.below.map_or(Rgb::BLACK, |below| below.irradiance(si, shading.normal()));
         direct + RadiosityField::reflected_radiance(shading.diffuse_reflectance(), stored)
     }
 
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and one gather ray.
-    fn near(&self, si: &SurfaceInteraction, depth: u32, levels: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
-        let shading = self.world.shading(si);
+    pub(super) fn near(
+        &self,
+        si: &SurfaceInteraction,
+        depth: u32,
+        levels: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Rgb {
+        let shading = self.world.shading_by::<K>(si);
         let thrown = self.caustics.map_or(Rgb::BLACK, |map| map.irradiance(si, &shading));
         let thrown = RadiosityField::reflected_radiance(shading.diffuse_reflectance(), thrown);
         let respond = |ray: &ShadowRay| {
             let share = ray.share_beside_gather_rays(1.0, ray.direction.dot(shading.normal()));
             Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
         };
-        let direct = self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        let direct = self.world.direct_by::<K>(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
         let local = warp::cosine_hemisphere(sampler.next_2d());
         let direction = Frame::new(shading.normal()).to_world(local);
         let response = shading.eval(direction).diffuse;
@@ -206,7 +218,7 @@ impl TwoPass<'_> {
     }
 }
 
-impl TwoPass<'_> {
+impl<K: Stages> TwoPass<'_, K> {
     /// Direct and remaining irradiance at a receiver, by `samples` shadow and gather rays.
     pub(crate) fn probe_irradiance(&self, at: &SurfaceInteraction, key: u64, samples: u64) -> (Rgb, Rgb, RayCounts) {
         let mut counts = RayCounts::default();
@@ -214,7 +226,7 @@ impl TwoPass<'_> {
         let (mut direct, mut rest) = (Rgb::BLACK, Rgb::BLACK);
         for index in 0..samples {
             let mut trace = Trace::new(Sampler::new(self.settings.seed, key, index), key, index, &mut counts);
-            direct += self.world.direct_irradiance(at, self.settings.direct, 1.0, &mut trace.sampler, trace.counts);
+            direct += self.world.direct_irradiance::<K>(at, self.settings.direct, 1.0, &mut trace.sampler, trace.counts);
             let mut sampler = trace.sampler.clone();
             let local = warp::cosine_hemisphere(sampler.next_2d());
             trace.counts.gather += 1;

@@ -7,9 +7,10 @@ use super::metropolis::{Metropolis, MetropolisSettings};
 use super::photon::{PhotonMapper, Sppm};
 use super::{Integrator, IntegratorSettings, PathFilter, ReadOut, TwoPass, path, radiosity_view};
 use crate::radiosity::{Interpolation, RadiosityField};
-use crate::world::World;
 use crate::world::plane_mirrors::PlaneMirrors;
+use crate::world::{Stages, World};
 use serde::{Deserialize, Serialize};
+use std::marker::PhantomData;
 use std::sync::Arc;
 
 /// Probability with which `two-pass-unbiased` puts right what a gather ray reads.
@@ -263,8 +264,13 @@ impl Method {
         !matches!(self, Method::Radiosity | Method::TwoPassPlanar)
     }
 
-    /// The method at work on a scene. `field` is there if the method reads one and some path is long enough to need it.
-    pub fn integrator<'a>(
+    /// True if its rays are followed by code that is compiled for the stages a scene needs; the others hold all stages.
+    pub fn is_by_stages(self) -> bool {
+        matches!(self, Method::TwoPass | Method::TwoPassWhitted | Method::WhittedOnly | Method::Path)
+    }
+
+    /// The method at work on a scene, by code that holds the stages `K` where [`Self::is_by_stages`]. `field` is there if the method reads one and some path is long enough to need it.
+    pub fn integrator<'a, K: Stages>(
         self,
         world: &'a World,
         field: Option<&'a RadiosityField>,
@@ -272,7 +278,8 @@ impl Method {
         methods: &MethodSettings,
     ) -> Box<dyn Integrator + 'a> {
         let ambient = methods.ambient;
-        let tracer = |settings| TwoPass {
+        let stages = PhantomData;
+        let tracer = |settings| TwoPass::<K> {
             world,
             field,
             settings,
@@ -282,6 +289,7 @@ impl Method {
             below: None,
             residual: None,
             smooth: None,
+            stages,
         };
         let two_pass = |settings, residual| Box::new(TwoPass { residual, ..tracer(settings) });
         let whitted = |settings| two_pass(settings, None);
@@ -298,7 +306,7 @@ impl Method {
                 let filter = methods.paths.clone();
                 // Only words with letters need to know which mirrors are flat.
                 let mirrors = filter.as_ref().map(|_| PlaneMirrors::find(world));
-                Box::new(path::PathTracer { world, settings, filter, mirrors })
+                Box::new(path::PathTracer::<K> { world, settings, filter, mirrors, stages })
             }
             Method::Light => Box::new(LightTracer::new(world, settings)),
             Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),

@@ -13,6 +13,7 @@ pub mod metropolis;
 pub mod path;
 mod path_filter;
 pub mod photon;
+mod plain;
 pub mod radiosity_view;
 mod splat;
 pub mod whitted;
@@ -25,11 +26,12 @@ use crate::geometry::Ray;
 use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::{Interpolation, RadiosityField};
 use crate::world::walk::RayCounts;
-use crate::world::{DirectSampling, World};
+use crate::world::{All, DirectSampling, Stages, World};
 use caustic_map::CausticMap;
 use irradiance_cache::{Below, IrradianceCache};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::marker::PhantomData;
 use std::sync::Arc;
 
 /// How pass two reads pass one at a diffuse surface.
@@ -217,7 +219,7 @@ fn by_rows(frame: &Frame, pixel: impl Fn(usize, &mut RayCounts) -> PixelSample +
 }
 
 /// Both passes over one field.
-pub struct TwoPass<'a> {
+pub struct TwoPass<'a, K: Stages = All> {
     /// The scene.
     pub world: &'a World,
     /// The solution of pass one; `None` when no path is long enough to need it.
@@ -236,4 +238,6 @@ pub struct TwoPass<'a> {
     pub residual: Option<f64>,
     /// Makes stored radiosity smooth between patches where it is shown as it is.
     pub smooth: Option<Arc<Interpolation>>,
+    /// The stages that its code holds.
+    pub stages: PhantomData<K>,
 }

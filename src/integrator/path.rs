@@ -11,7 +11,8 @@ use crate::math::{Rgb, Sampler};
 use crate::world::plane_mirrors::PlaneMirrors;
 use crate::world::sight::{Origin, power_share};
 use crate::world::walk::RayCounts;
-use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction, World};
+use crate::world::{All, Shading, ShadowRay, Sight, Stages, SurfaceInteraction, World};
+use std::marker::PhantomData;
 
 /// From this many edges on a path goes on with a probability equal to its throughput; Mitsuba's default as well, which makes the two
 /// comparable.
@@ -24,7 +25,7 @@ const MOST_SURVIVAL: f64 = 0.95;
 const DEEPEST: u32 = 512;
 
 /// A unidirectional path tracer.
-pub struct PathTracer<'a> {
+pub struct PathTracer<'a, K: Stages = All> {
     /// The scene.
     pub world: &'a World,
     /// Settings; of the read-out and the gather rays it makes no use.
@@ -33,9 +34,11 @@ pub struct PathTracer<'a> {
     pub filter: Option<PathFilter>,
     /// Which mirrors are flat, if somebody asks for letters.
     pub mirrors: Option<PlaneMirrors>,
+    /// The stages that its code holds.
+    pub stages: PhantomData<K>,
 }
 
-impl Integrator for PathTracer<'_> {
+impl<K: Stages> Integrator for PathTracer<'_, K> {
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
             let mut sampler = start.sampler;
@@ -44,7 +47,7 @@ impl Integrator for PathTracer<'_> {
     }
 }
 
-impl PathTracer<'_> {
+impl<K: Stages> PathTracer<'_, K> {
     /// What arrives along `ray`, by one path.
     fn radiance(&self, mut ray: Ray, sampler: &mut Sampler, counts: &mut RayCounts) -> PixelSample {
         let scene = self.world.scene();
@@ -64,8 +67,9 @@ impl PathTracer<'_> {
                 counts.truncate(throughput);
                 break;
             }
-            let Some(si) = self.world.intersect(&ray) else {
-                if counts_as(&word) {
+            let Some(si) = self.world.intersect_by::<K>(&ray) else {
+                counts.distant += u64::from(K::DISTANT);
+                if K::DISTANT && counts_as(&word) {
                     let share = self.world.escape_share(&sight, ray.direction);
                     *sample.layer(layer_of(scattered, &sight)) += throughput * scene.escaped_radiance(ray.direction) * share;
                 }
@@ -80,7 +84,9 @@ impl PathTracer<'_> {
                 let share = self.world.emission_share(&sight, ray.direction, &si);
                 *sample.layer(layer_of(scattered, &sight)) += throughput * shape.emitted(si.uv) * share;
             }
-            let shading = self.world.shading(&si);
+            let shading = self.world.shading_by::<K>(&si);
+            counts.met::<K>();
+            counts.lobes += u64::from(K::SPECULAR);
             if scattered == 0 {
                 *sample.layer(Quantity::Albedo) += throughput * shading.diffuse_reflectance();
             }
@@ -140,7 +146,7 @@ impl PathTracer<'_> {
             let share = power_share(ray.density, shading.pdf(ray.direction));
             Scattering { diffuse: response * share, glossy: Rgb::BLACK }
         };
-        self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse
+        self.world.direct_by::<K>(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse
     }
 }
 

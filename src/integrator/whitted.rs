@@ -8,7 +8,7 @@ use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
 use crate::radiosity::RadiosityField;
 use crate::world::sight::{balance, cosine_density};
 use crate::world::walk::RayCounts;
-use crate::world::{Shading, ShadowRay, Sight, SurfaceInteraction};
+use crate::world::{Shading, ShadowRay, Sight, Stages, SurfaceInteraction};
 
 /// No recursion goes deeper, whatever the scene asks: a closed box of perfect mirrors would never end.
 const DEEPEST: u32 = 512;
@@ -60,7 +60,7 @@ impl<'a> Trace<'a> {
     }
 }
 
-impl Integrator for TwoPass<'_> {
+impl<K: Stages> Integrator for TwoPass<'_, K> {
     fn pass(&mut self, frame: &FilmFrame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         super::each_pixel(self.world, &self.settings, frame, index, |start, counts| self.sample(start, counts))
     }
@@ -70,7 +70,7 @@ impl Integrator for TwoPass<'_> {
     }
 }
 
-impl TwoPass<'_> {
+impl<K: Stages> TwoPass<'_, K> {
     /// A pass of as many samples a pixel as `plan` says.
     pub fn planned_pass(&self, frame: &FilmFrame, plan: PassPlan<'_>) -> (Vec<PixelSample>, RayCounts) {
         super::each_planned(self.world, &self.settings, frame, plan, |start, counts| self.sample(start, counts))
@@ -83,20 +83,27 @@ impl TwoPass<'_> {
     }
 
     /// Longest path in edges, bounded.
-    fn depth_limit(&self) -> u32 {
+    pub(super) fn depth_limit(&self) -> u32 {
         self.settings.max_depth.map_or(DEEPEST, |d| d.min(DEEPEST))
     }
 
     /// Adds what arrives along `ray` to the sample.
     pub(super) fn radiance(&self, ray: &Ray, path: Path, trace: &mut Trace<'_>) {
+        if K::PLAIN {
+            self.plain_radiance(ray, path, trace);
+            return;
+        }
         let Path { weight, depth, .. } = path;
         if depth >= self.depth_limit() {
             trace.counts.truncate(weight);
             return;
         }
-        let Some(si) = self.world.intersect(ray) else {
-            let share = self.world.escape_share(&path.sight, ray.direction);
-            *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().escaped_radiance(ray.direction) * share;
+        let Some(si) = self.world.intersect_by::<K>(ray) else {
+            if K::DISTANT {
+                trace.counts.distant += 1;
+                let share = self.world.escape_share(&path.sight, ray.direction);
+                *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().escaped_radiance(ray.direction) * share;
+            }
             return;
         };
         let shape = &self.world.scene().shapes[si.shape as usize];
@@ -108,7 +115,15 @@ impl TwoPass<'_> {
             let share = self.world.emission_share(&path.sight, ray.direction, &si);
             *trace.sample.layer(Quantity::Direct) += weight * shape.emitted(si.uv) * share;
         }
-        let shading = self.world.shading(&si);
+        trace.counts.met::<K>();
+        let shading = self.world.shading_by::<K>(&si);
+        if !K::SPECULAR {
+            if shading.has_diffuse() {
+                self.local(&si, &shading, 0.0, &path, trace);
+            }
+            return;
+        }
+        trace.counts.lobes += 1;
         let branches = self.branches(&shading, &path, trace);
         if shading.has_diffuse() || shading.has_glossy() {
             self.local(&si, &shading, branches.glossy, &path, trace);
@@ -118,7 +133,14 @@ impl TwoPass<'_> {
 
     /// I_local: what the diffuse and glossy parts reflect of the lights, and the diffuse part of everything else, by the chosen read-out
     /// of pass one. `glossy_rays` is the expected number of rays that follow the glossy lobes.
-    fn local(&self, si: &SurfaceInteraction, shading: &Shading<'_>, glossy_rays: f64, path: &Path, trace: &mut Trace<'_>) {
+    pub(super) fn local(
+        &self,
+        si: &SurfaceInteraction,
+        shading: &Shading<'_>,
+        glossy_rays: f64,
+        path: &Path,
+        trace: &mut Trace<'_>,
+    ) {
         let Path { weight, depth, .. } = *path;
         let weight_rho = weight * shading.diffuse_reflectance();
         *trace.sample.layer(Quantity::Albedo) += weight_rho;
@@ -161,12 +183,13 @@ impl TwoPass<'_> {
             let cos = ray.direction.dot(shading.normal());
             let share = if diffuse_wanted { ray.share_beside_gather_rays(f64::from(gather_rays), cos) } else { 0.0 };
             response.diffuse = response.diffuse * share;
-            if !response.glossy.is_black() {
+            if K::SPECULAR && !response.glossy.is_black() {
                 response.glossy = response.glossy * balance(ray.density, glossy_rays * shading.glossy_pdf(ray.direction));
             }
             response
         };
-        let direct = self.world.direct(si, shading.receiver(), self.settings.direct, &mut trace.sampler, trace.counts, respond);
+        let direct =
+            self.world.direct_by::<K>(si, shading.receiver(), self.settings.direct, &mut trace.sampler, trace.counts, respond);
         *trace.sample.layer(Quantity::Direct) += weight * (direct.diffuse + direct.glossy);
         if !diffuse_wanted {
             return;
@@ -207,8 +230,8 @@ impl TwoPass<'_> {
             if carried.is_black() {
                 break;
             }
-            let Some(met) = self.world.intersect(&ray) else {
-                if self.world.partition().environment().is_none() {
+            let Some(met) = self.world.intersect_by::<K>(&ray) else {
+                if K::DISTANT && self.world.partition().environment().is_none() {
                     found += carried * scene.escaped_radiance(ray.direction);
                 }
                 break;
@@ -216,7 +239,10 @@ impl TwoPass<'_> {
             if met.front && !self.world.partition().found_by_shadow_rays(met.shape as usize) {
                 found += carried * scene.shapes[met.shape as usize].emitted(met.uv);
             }
-            carried *= self.world.shading(&met).straight_share();
+            if !K::SPECULAR {
+                break;
+            }
+            carried *= self.world.shading_by::<K>(&met).straight_share();
             ray.t_min = met.end;
         }
         found

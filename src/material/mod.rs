@@ -8,6 +8,7 @@
 mod albedo;
 pub mod fresnel;
 pub mod microfacet;
+mod needs;
 pub mod parameters;
 pub mod plastic;
 pub mod principled;
@@ -29,7 +30,7 @@ pub use sampling::{BsdfSample, GlossySample};
 pub use specular::{Lobe, Lobes};
 pub use texture::Texture;
 
-use crate::math::{DVec3, Rgb, Vec2, Vec3};
+use crate::math::{DVec3, Frame, Rgb, Vec2, Vec3};
 use std::f64::consts::FRAC_1_PI;
 
 /// Index of a [`Surface`] in the scene.
@@ -119,6 +120,24 @@ pub enum Material {
     TwoSided(Box<Material>),
     /// Nothing at all: a border that light passes.
     Null,
+}
+
+/// A diffuse surface and nothing else, in world directions.
+#[derive(Debug, Clone, Copy)]
+pub struct Lambert {
+    /// Its third axis is the normal on the viewer's side.
+    pub frame: Frame,
+    /// Reflectance.
+    pub rho: Rgb,
+}
+
+impl Lambert {
+    /// f·|cos theta_i| for light from a direction [1/sr], as [`Material::eval`] has it.
+    #[inline]
+    pub fn eval(&self, direction: Vec3) -> Rgb {
+        let wi = self.frame.to_local(direction);
+        if wi.z > 0.0 { self.rho * (wide(wi).z * FRAC_1_PI) } else { Rgb::BLACK }
+    }
 }
 
 /// The direction in f64 and of unit length there: near total reflection the rounding to f32 would show.

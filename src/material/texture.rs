@@ -164,6 +164,20 @@ impl Texture {
         Texture::Constant(Rgb::grey(value))
     }
 
+    /// True if it has the same value everywhere.
+    pub fn is_constant(&self) -> bool {
+        matches!(self, Texture::Constant(_))
+    }
+
+    /// True if red, green and blue are equal at every place.
+    pub fn is_grey(&self) -> bool {
+        match self {
+            Texture::Constant(value) => value.is_grey(),
+            Texture::Bitmap(bitmap) => bitmap.texels.iter().all(|t| Rgb::from(t).is_grey()),
+            Texture::Checkerboard(board) => board.colors.iter().all(Texture::is_grey),
+        }
+    }
+
     /// Value at texture coordinates `uv`.
     #[inline]
     pub fn at(&self, uv: Vec2) -> Rgb {

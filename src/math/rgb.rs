@@ -68,6 +68,12 @@ impl Rgb {
         self.r == 0.0 && self.g == 0.0 && self.b == 0.0
     }
 
+    /// True if all channels are equal.
+    #[inline]
+    pub fn is_grey(self) -> bool {
+        self.r == self.g && self.g == self.b
+    }
+
     /// True if no channel is NaN or infinite.
     #[inline]
     pub fn is_finite(self) -> bool {

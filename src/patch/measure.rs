@@ -3,7 +3,7 @@
 use super::{PatchId, PatchMesh};
 use crate::material::Texture;
 use crate::math::{CompensatedSum, Rgb, Sampler, Vec2, Vec3};
-use crate::world::World;
+use crate::world::{All, World};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -73,7 +73,7 @@ impl PatchMesh {
             let a = self.piece_area(world, piece);
             area.add(a);
             running.push(area.value());
-            let middle = self.on_piece(world, piece, Vec2::new(2.0 / 3.0, 2.0 / 3.0), true);
+            let middle = self.on_piece::<All>(world, piece, Vec2::new(2.0 / 3.0, 2.0 / 3.0), true);
             centroid += middle.point.as_dvec3() * a;
             normal += middle.ng.as_dvec3() * a;
             shape = middle.shape as usize;
@@ -107,7 +107,7 @@ impl PatchMesh {
             let k = m.shares.partition_point(|&s| s <= u.x).min(m.shares.len() - 1);
             let before = if k == 0 { 0.0 } else { m.shares[k - 1] };
             u.x = ((u.x - before) / (m.shares[k] - before)).clamp(0.0, 1.0 - f32::EPSILON);
-            let values = at(self.on_piece(world, start + k, u, true).uv);
+            let values = at(self.on_piece::<All>(world, start + k, u, true).uv);
             rho += values.0;
             emission += values.1;
         }

@@ -8,13 +8,15 @@ mod covered;
 pub mod cuts;
 mod measure;
 pub mod outline;
+mod raster;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
 use crate::math::{DVec3, Rgb, Vec2, Vec3, warp};
 use crate::scene::{Scene, Shape, ShapeSurface};
-use crate::world::{SurfaceInteraction, World};
+use crate::world::{All, Stages, SurfaceInteraction, World};
 use cuts::Cutters;
+use raster::Raster;
 use std::f64::consts::PI;
 use subdivide::{NO_PIECE, Sizes, SplitTree};
 
@@ -129,6 +131,9 @@ pub struct PatchMesh {
     lookups: Vec<Lookup>,
     trees: Vec<SplitTree>,
     tree_elements: Vec<u32>,
+    /// A shorter way to the same, if it was asked for.
+    #[serde(skip)]
+    raster: Raster,
 }
 
 impl PatchMesh {
@@ -161,6 +166,7 @@ impl PatchMesh {
             lookups: vec![Lookup::None; world.soup().len()],
             trees: Vec::new(),
             tree_elements: Vec::new(),
+            raster: Raster::default(),
         };
         // Anything may cut a large triangle; a small one is cut only by large ones, since two fine meshes that touch would make
         // as many patches as triangles.
@@ -340,39 +346,51 @@ impl PatchMesh {
     /// The patch that a surface point belongs to, on the side it is seen from; `None` for surfaces without patches.
     #[inline]
     pub fn patch_at(&self, si: &SurfaceInteraction) -> Option<PatchId> {
-        let element = match self.lookups[si.primitive as usize] {
+        self.patch_of(si.primitive, si.place, si.front)
+    }
+
+    /// The same by primitive, place on it, and side.
+    #[inline]
+    fn patch_of(&self, primitive: u32, place: (f64, f64), front: bool) -> Option<PatchId> {
+        let element = match self.lookups[primitive as usize] {
             Lookup::None => return None,
             Lookup::Whole(element) => element,
             Lookup::Split { tree } => {
                 let tree = &self.trees[tree as usize];
-                match tree.find(si.place.0, si.place.1) {
+                match tree.find(place.0, place.1) {
                     NO_PIECE => return None,
                     leaf => self.tree_elements[(tree.base + leaf) as usize],
                 }
             }
             Lookup::Grid { first, rows, columns } => {
                 let cell = |t: f64, n: u32| ((t * f64::from(n)) as u32).min(n - 1);
-                first + cell(0.5 * (1.0 - si.place.1), rows) * columns + cell(si.place.0, columns)
+                first + cell(0.5 * (1.0 - place.1), rows) * columns + cell(place.0, columns)
             }
         };
         let element = &self.elements[element as usize];
-        if si.front { element.front } else { element.back }
+        if front { element.front } else { element.back }
     }
 
     /// A uniform point of patch `id`, seen from its side.
     #[inline]
     pub fn sample(&self, world: &World, id: PatchId, u: Vec2) -> SurfaceInteraction {
+        self.sample_by::<All>(world, id, u)
+    }
+
+    /// As [`Self::sample`], by code that holds the stages `K`.
+    #[inline]
+    pub fn sample_by<K: Stages>(&self, world: &World, id: PatchId, u: Vec2) -> SurfaceInteraction {
         let element = &self.elements[self.element_of[id.0 as usize] as usize];
         let range = element.pieces.start as usize..element.pieces.end as usize;
         let shares = &self.piece_share[range.clone()];
         let k = shares.partition_point(|&s| s <= u.x).min(shares.len() - 1);
         let before = if k == 0 { 0.0 } else { shares[k - 1] };
         let x = ((u.x - before) / (shares[k] - before)).clamp(0.0, 1.0 - f32::EPSILON);
-        self.on_piece(world, range.start + k, Vec2::new(x, u.y), self.side[id.0 as usize])
+        self.on_piece::<K>(world, range.start + k, Vec2::new(x, u.y), self.side[id.0 as usize])
     }
 
     /// A point of piece `index`; `front` names the side it is seen from.
-    fn on_piece(&self, world: &World, index: usize, u: Vec2, front: bool) -> SurfaceInteraction {
+    fn on_piece<K: Stages>(&self, world: &World, index: usize, u: Vec2, front: bool) -> SurfaceInteraction {
         let mut si = match self.pieces[index] {
             Piece::Triangle { primitive, corners, .. } => {
                 let w = warp::triangle(u);
@@ -380,7 +398,13 @@ impl PatchMesh {
                     let [p, q, r] = corners.map(|c| f64::from(c[axis]));
                     p + (q - p) * f64::from(w.x) + (r - p) * f64::from(w.y)
                 };
-                world.on_triangle(primitive, (at(0), at(1)), Vec3::Z)
+                let place = (at(0), at(1));
+                if K::PLAIN
+                    && let Some(at) = world.on_flat(primitive, place, front)
+                {
+                    return at;
+                }
+                world.on_triangle(primitive, place, Vec3::Z)
             }
             Piece::SphereCell { primitive, row, column, rows, columns } => {
                 let z = 1.0 - 2.0 * (row as f32 + u.x) / rows as f32;

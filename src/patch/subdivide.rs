@@ -29,6 +29,9 @@ struct Node {
 
 const LEAF: u32 = 1 << 31;
 
+/// A line nearer to a cell than this, over the size of its terms, may cross it.
+const NEAR: f64 = 1e-9;
+
 /// The pieces of one triangle.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct SplitTree {
@@ -57,6 +60,35 @@ impl SplitTree {
             at = node.children[usize::from(node.line.value([u, v]) >= 0.0)];
         }
         at & !LEAF
+    }
+}
+
+impl SplitTree {
+    /// The leaf that holds all of a cell of the grid, [`NO_PIECE`] included; `None` if a cut crosses the cell or is too near to tell.
+    pub(super) fn leaf_of_cell(&self, grid: &Grid, cell: [i64; 2]) -> Option<u32> {
+        let [x, y] = grid.coordinates;
+        let mut at = self.root;
+        while at & LEAF == 0 {
+            let Node { line, children } = &self.nodes[at as usize];
+            let axis = [x, y].iter().position(|c| (c.a, c.b) == (line.a, line.b) && (c.c - line.c).fract() == 0.0);
+            let side = match axis {
+                // Grid line k: a cell lies on one side of it.
+                Some(axis) => cell[axis] >= (grid.coordinates[axis].c - line.c) as i64,
+                None => {
+                    let corners = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|d| grid.point([cell[0] + d[0], cell[1] + d[1]]));
+                    let values = corners.map(|p| line.value(p));
+                    let scale = corners.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
+                    let margin = NEAR * scale * (line.a.abs() + line.b.abs() + line.c.abs());
+                    match (values.iter().all(|v| *v > margin), values.iter().all(|v| *v < -margin)) {
+                        (true, _) => true,
+                        (_, true) => false,
+                        _ => return None,
+                    }
+                }
+            };
+            at = children[usize::from(side)];
+        }
+        Some(at & !LEAF)
     }
 }
 
@@ -149,13 +181,13 @@ impl SplitTree {
 
 /// A grid over a triangle, spanned by the two edges at the vertex whose angle is nearest to a right one. The two halves of a
 /// rectangle then share one grid.
-struct Grid {
+pub(super) struct Grid {
     /// Each coordinate as a line function of (u, v), scaled so that cells have unit size.
-    coordinates: [Line; 2],
+    pub(super) coordinates: [Line; 2],
 }
 
 impl Grid {
-    fn new(corners: [Vec3; 3], patch_size: f64) -> Self {
+    pub(super) fn new(corners: [Vec3; 3], patch_size: f64) -> Self {
         let p = corners.map(|c| c.as_dvec3());
         let squareness = |i: usize| {
             let (e, f) = (p[(i + 1) % 3] - p[i], p[(i + 2) % 3] - p[i]);
@@ -171,6 +203,14 @@ impl Grid {
         };
         let coordinates = [(apex + 1) % 3, (apex + 2) % 3].map(|k| weight(k).scaled(cells(k)));
         Self { coordinates }
+    }
+
+    /// Barycentric weights where two grid lines meet.
+    fn point(&self, cell: [i64; 2]) -> Point {
+        let [x, y] = self.coordinates;
+        let (p, q) = (cell[0] as f64 - x.c, cell[1] as f64 - y.c);
+        let det = x.a * y.b - x.b * y.a;
+        [(p * y.b - x.b * q) / det, (x.a * q - p * y.a) / det]
     }
 
     /// First and last cell that a polygon reaches into along `axis`.

@@ -7,8 +7,9 @@ use crate::patch::{PatchId, PatchMesh};
 use crate::radiosity::Incident;
 use crate::scene::Scene;
 use crate::world::partition::{EmitterPartition, LARGE_SHARE};
+use crate::world::stages::ByStages;
 use crate::world::walk::RayCounts;
-use crate::world::{DirectSampling, ShadowRay, World};
+use crate::world::{DirectSampling, ShadowRay, Stages, World};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -195,13 +196,73 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
     if apart {
         lights.iter().enumerate().for_each(|(lamp, &light)| lamp_of_light[light] = lamp);
     }
-    let look = |i: usize, from: u64, to: u64, into: &mut Measured| {
-        for k in from..to {
+    let measured = world.needs().choose(Measure { world, patches, gather_rays, seed, lamp_of_light, n_lamps });
+    measured.iter().for_each(|m| *counts += m.counts);
+    let of_lamp = |lamp: usize| LampLight {
+        lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
+        incident: measured.iter().map(|m| m.mean(lamp)).collect(),
+    };
+    (0..n_lamps).map(of_lamp).collect()
+}
+
+/// The shadow rays of [`measure`].
+struct Measure<'a> {
+    world: &'a World,
+    patches: &'a PatchMesh,
+    gather_rays: f64,
+    seed: u64,
+    lamp_of_light: Vec<usize>,
+    n_lamps: usize,
+}
+
+impl ByStages for Measure<'_> {
+    type Output = Vec<Measured>;
+
+    fn run<K: Stages>(self) -> Self::Output {
+        let Self { patches, n_lamps, .. } = self;
+        let mut measured: Vec<Measured> = (0..patches.len())
+            .into_par_iter()
+            .map(|i| {
+                let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
+                let mut measured = Measured {
+                    sums: vec![Incident::default(); n_lamps],
+                    squares: vec![0.0; n_lamps],
+                    points: 0,
+                    counts: RayCounts::default(),
+                };
+                self.look::<K>(i, (DIRECT_POINTS * share) as u64, &mut measured);
+                measured
+            })
+            .collect();
+        // Half shadows need more points than that. How many is decided lamp by lamp, whatever the strengths of the lamps.
+        let total: f64 = patches.area.iter().sum();
+        let level = |lamp: usize| {
+            let square = |(m, area): (&Measured, &f64)| area * (m.sums[lamp].irradiance.mean() / m.points as f64).powi(2);
+            (measured.iter().zip(&patches.area).map(square).sum::<f64>() / total).sqrt()
+        };
+        let levels: Vec<f64> = (0..n_lamps).map(level).collect();
+        measured.par_iter_mut().enumerate().for_each(|(i, m)| {
+            let wanted =
+                levels.iter().enumerate().map(|(lamp, level)| m.noise(lamp) / (NOISE * level).powi(2)).fold(0.0, f64::max);
+            if wanted > 1.0 {
+                let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
+                self.look::<K>(i, points, m);
+            }
+        });
+        measured
+    }
+}
+
+impl Measure<'_> {
+    /// Looks from further points of patch `i`, up to `points` of them in all.
+    fn look<K: Stages>(&self, i: usize, points: u64, into: &mut Measured) {
+        let Self { world, patches, gather_rays, seed, ref lamp_of_light, n_lamps } = *self;
+        for k in into.points..points {
             let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), i as u64, k);
-            let mut at = patches.sample(world, PatchId(i as u32), sampler.next_2d());
+            let mut at = patches.sample_by::<K>(world, PatchId(i as u32), sampler.next_2d());
             // Radiosity belongs to the faces themselves, not to the smoothed normals.
             at.ns = at.ng;
-            let shading = world.shading(&at);
+            let shading = world.shading_by::<K>(&at);
             // The two parts of what is carried: as it arrives, and as it is accepted.
             let respond = |ray: &ShadowRay| {
                 let cos = ray.direction.dot(at.ng);
@@ -213,7 +274,8 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
             };
             let sampling = DirectSampling::OF_PATCHES;
             let mut found = vec![Incident::default(); n_lamps];
-            world.direct_by_light(&at, Some(at.ng), sampling, &mut sampler, &mut into.counts, respond, |light, light_found| {
+            let counts = &mut into.counts;
+            world.direct_by_light::<K>(&at, Some(at.ng), sampling, &mut sampler, counts, respond, |light, light_found| {
                 let found = &mut found[lamp_of_light[light]];
                 found.irradiance += light_found.diffuse;
                 found.accepted += light_found.glossy;
@@ -224,41 +286,8 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
                 *square += found.irradiance.mean() * found.irradiance.mean();
             }
         }
-        into.points = to;
-    };
-    let of_patch = |i: usize| {
-        let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
-        let mut measured = Measured {
-            sums: vec![Incident::default(); n_lamps],
-            squares: vec![0.0; n_lamps],
-            points: 0,
-            counts: RayCounts::default(),
-        };
-        look(i, 0, (DIRECT_POINTS * share) as u64, &mut measured);
-        measured
-    };
-    let mut measured: Vec<Measured> = (0..patches.len()).into_par_iter().map(of_patch).collect();
-    // Half shadows need more points than that. How many is decided lamp by lamp, whatever the strengths of the lamps.
-    let total: f64 = patches.area.iter().sum();
-    let level = |lamp: usize| {
-        let square = |(m, area): (&Measured, &f64)| area * (m.sums[lamp].irradiance.mean() / m.points as f64).powi(2);
-        (measured.iter().zip(&patches.area).map(square).sum::<f64>() / total).sqrt()
-    };
-    let levels: Vec<f64> = (0..n_lamps).map(level).collect();
-    measured.par_iter_mut().enumerate().for_each(|(i, m)| {
-        let wanted = levels.iter().enumerate().map(|(lamp, level)| m.noise(lamp) / (NOISE * level).powi(2)).fold(0.0, f64::max);
-        if wanted > 1.0 {
-            let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
-            let from = m.points;
-            look(i, from, points.max(from), m);
-        }
-    });
-    measured.iter().for_each(|m| *counts += m.counts);
-    let of_lamp = |lamp: usize| LampLight {
-        lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
-        incident: measured.iter().map(|m| m.mean(lamp)).collect(),
-    };
-    (0..n_lamps).map(of_lamp).collect()
+        into.points = into.points.max(points);
+    }
 }
 
 /// What was measured, for the strengths that the lamps have now; `None` if it does not say: of a lamp that was dark in some channel.

@@ -27,12 +27,14 @@ use crate::integrator::drive::{Before, Budget, Clocks, Driven, Snapshot, drive};
 use crate::integrator::{Frame, Integrator, IntegratorSettings, Method, MethodSettings, ReadOut};
 use crate::math::SamplerKind;
 use crate::patch::PatchError;
+use crate::plan::{self, Asked, Plan};
 use crate::progress::{Observer, Stage};
 use crate::radiosity::SolveError;
 use crate::scene::Scene;
+use crate::world::stages::ByStages;
 use crate::world::walk::RayCounts;
-use crate::world::{DirectSampling, World};
-use progressive::Progressive;
+use crate::world::{DirectSampling, Stages, World};
+use progressive::{Progressive, first_pass_one};
 use std::sync::Arc;
 
 /// Everything that a render depends on besides the scene.
@@ -64,6 +66,8 @@ pub struct RenderSettings {
     pub accel: AccelKind,
     /// The unfinished run to go on from, of the same scene and settings.
     pub resume: Option<Arc<Checkpoint>>,
+    /// Whether stages that the scene does not need are left out.
+    pub plan: plan::Mode,
 }
 
 /// Gather rays per camera sample. On the Cornell box 1, 2, 4 and 8 reach relMSE 3.8e-4, 2.2e-4, 1.78e-4 and 1.76e-4 in 8 CPU seconds;
@@ -89,6 +93,7 @@ impl Default for RenderSettings {
             pass_one: PassOneSettings::default(),
             accel: AccelKind::default(),
             resume: None,
+            plan: plan::Mode::default(),
         }
     }
 }
@@ -106,6 +111,23 @@ impl RenderSettings {
             }
             (own, chosen) => Ok(chosen.or(own)),
         }
+    }
+
+    /// The stages that a scene needs.
+    ///
+    /// # Errors
+    /// As [`Self::read_out`].
+    pub fn plan_for(&self, world: &World) -> Result<Plan, PipelineError> {
+        let read_out = self.read_out()?;
+        let asked = Asked {
+            mode: self.plan,
+            by_stages: self.method.is_by_stages(),
+            max_depth: self.max_depth.unwrap_or(world.scene().film.max_depth),
+            has_pass_one: read_out.is_some(),
+            shows_pass_one: read_out == Some(ReadOut::Stored),
+            gathers: matches!(read_out, Some(ReadOut::FinalGather | ReadOut::Progressive)),
+        };
+        Ok(Plan::new(world, &asked))
     }
 
     /// What the method is told, for paths of at most `max_depth` edges.
@@ -196,6 +218,8 @@ pub struct Rendered {
     pub complete: bool,
     /// If it was stopped: what another process needs to go on, besides the film.
     pub unfinished: Option<(RayCounts, Vec<u8>)>,
+    /// The stages kept and left out.
+    pub plan: Plan,
 }
 
 impl Rendered {
@@ -270,66 +294,99 @@ pub fn render_world(
 
 /// Both passes, or the second over a first one that is there.
 fn render_over(
-    (world, given): (World, Option<PassOne>),
+    (mut world, given): (World, Option<PassOne>),
     settings: &RenderSettings,
     clocks: &Clocks,
-    mut watch: StageCosts,
+    watch: StageCosts,
     observer: &mut Observer<'_>,
     snapshot: &mut Snapshot<'_>,
 ) -> Result<Rendered, PipelineError> {
-    let scene = world.scene();
-    let frame = frame_of(scene, settings)?;
-    let max_depth = settings.max_depth.unwrap_or(scene.film.max_depth);
-    let mut budget = settings.budget;
-    if budget.is_unlimited() {
-        budget.spp = Some(scene.film.sample_count);
-    }
-    let read_out = settings.read_out()?;
-    let mut counts = RayCounts::default();
-    // A path of two edges or fewer never meets a second diffuse surface.
-    let progressive = read_out == Some(ReadOut::Progressive);
-    let needs_pass_one = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
-    let coarse = progressive || settings.method == Method::TwoPassUnbiased;
-    let mut first = if coarse { Progressive::first_pass_one(&settings.pass_one) } else { settings.pass_one };
-    first.extended &= settings.method.extends_form_factors();
-    if settings.method == Method::TwoPassPlanar {
-        if first.form_factors == FormFactorMethod::Hierarchical {
-            return Err(PipelineError::NoVirtualRooms);
+    let plan = settings.plan_for(&world)?;
+    plan.apply(&mut world);
+    plan.needs.choose(Render { world, given, settings, clocks, watch, observer, snapshot, plan })
+}
+
+/// A render whose stages are known.
+struct Render<'a, 'o, 's> {
+    world: World,
+    given: Option<PassOne>,
+    settings: &'a RenderSettings,
+    clocks: &'a Clocks,
+    watch: StageCosts,
+    observer: &'a mut Observer<'o>,
+    snapshot: &'a mut Snapshot<'s>,
+    plan: Plan,
+}
+
+impl ByStages for Render<'_, '_, '_> {
+    type Output = Result<Rendered, PipelineError>;
+
+    fn run<K: Stages>(self) -> Self::Output {
+        let Render { world, given, settings, clocks, mut watch, observer, snapshot, plan } = self;
+        let scene = world.scene();
+        let frame = frame_of(scene, settings)?;
+        let max_depth = settings.max_depth.unwrap_or(scene.film.max_depth);
+        let mut budget = settings.budget;
+        if budget.is_unlimited() {
+            budget.spp = Some(scene.film.sample_count);
         }
-        first.virtual_rooms = Some(settings.methods.virtual_rooms.reflections);
-        // Every patch meets every other in each room.
-        first.patches.elements = first.patches.elements.min(VIRTUAL_ELEMENTS);
-    }
-    let mut pass_one = if given.is_some() {
-        given.filter(|_| needs_pass_one)
-    } else if needs_pass_one {
-        Some(pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer)?)
-    } else {
-        None
-    };
-    if progressive && let Some(pass_one) = pass_one.take() {
-        let mut method = Progressive::new(&world, settings, settings.integrator(max_depth)?, pass_one, counts);
-        let driven = watch.time(Stage::Render, || {
-            let before = take_up(&mut method, settings)?;
-            Ok::<Driven, PipelineError>(drive(&mut method, (&frame, before), &budget, clocks, observer, snapshot))
-        })?;
+        let read_out = settings.read_out()?;
+        let mut counts = RayCounts::default();
+        let progressive = read_out == Some(ReadOut::Progressive);
+        // A path of two edges or fewer never meets a second diffuse surface.
+        let is_read = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
+        let coarse = progressive || settings.method == Method::TwoPassUnbiased;
+        let mut first = if coarse { first_pass_one(&settings.pass_one) } else { settings.pass_one };
+        first.extended &= settings.method.extends_form_factors();
+        if settings.method == Method::TwoPassPlanar {
+            if first.form_factors == FormFactorMethod::Hierarchical {
+                return Err(PipelineError::NoVirtualRooms);
+            }
+            first.virtual_rooms = Some(settings.methods.virtual_rooms.reflections);
+            // Every patch meets every other in each room.
+            first.patches.elements = first.patches.elements.min(VIRTUAL_ELEMENTS);
+        }
+        let mut pass_one = given.filter(|_| is_read);
+        if pass_one.is_none() && plan.pass_one {
+            match pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer) {
+                Ok(solved) => pass_one = Some(solved),
+                // What is solved for nobody to read may fail.
+                Err(error) if is_read || error == PipelineError::Stopped => return Err(error),
+                Err(_) => {}
+            }
+        }
+        let mut integrator = settings.integrator(max_depth)?;
+        if progressive
+            && is_read
+            && let Some(pass_one) = pass_one.take()
+        {
+            let mut method = Progressive::<K>::new(&world, settings, integrator, pass_one, counts);
+            let driven = watch.time(Stage::Render, || {
+                let before = take_up(&mut method, settings)?;
+                Ok::<Driven, PipelineError>(drive(&mut method, (&frame, before), &budget, clocks, observer, snapshot))
+            })?;
+            watch.take_off(Stage::Render, clocks.excluded());
+            let Driven { film, complete, counts: pass_two } = driven;
+            let unfinished = (!complete).then(|| (pass_two, method.state()));
+            let counts = method.counts;
+            let pass_one = Some(method.finish(&mut watch));
+            let stages = watch.stages;
+            return Ok(Rendered { pass_one, film, frame, read_out, counts, stages, complete, unfinished, plan, world });
+        }
+        if integrator.read_out == ReadOut::FinalGather && !plan.gather && settings.method.has_read_outs() {
+            integrator.read_out = ReadOut::DirectStored;
+        }
+        let field = pass_one.as_ref().filter(|_| is_read).map(|p| &p.field);
+        let mut method = settings.method.integrator::<K>(&world, field, integrator, &settings.methods);
+        let before = take_up(&mut *method, settings)?;
+        let Driven { film, counts: pass_two, complete } =
+            watch.time(Stage::Render, || drive(&mut *method, (&frame, before), &budget, clocks, observer, snapshot));
         watch.take_off(Stage::Render, clocks.excluded());
-        let Driven { film, complete, counts: pass_two } = driven;
         let unfinished = (!complete).then(|| (pass_two, method.state()));
-        let counts = method.counts;
-        let pass_one = Some(method.finish(&mut watch));
-        return Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, unfinished, world });
+        counts += pass_two;
+        drop(method);
+        Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, unfinished, plan, world })
     }
-    let field = pass_one.as_ref().map(|p| &p.field);
-    let mut integrator = settings.method.integrator(&world, field, settings.integrator(max_depth)?, &settings.methods);
-    let before = take_up(&mut *integrator, settings)?;
-    let Driven { film, counts: pass_two, complete } =
-        watch.time(Stage::Render, || drive(&mut *integrator, (&frame, before), &budget, clocks, observer, snapshot));
-    watch.take_off(Stage::Render, clocks.excluded());
-    let unfinished = (!complete).then(|| (pass_two, integrator.state()));
-    counts += pass_two;
-    drop(integrator);
-    Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, unfinished, world })
 }
 
 /// Makes a method go on with an unfinished run, if there is one; its film and rays.
@@ -351,6 +408,8 @@ pub struct Solved {
     pub counts: RayCounts,
     /// Time by stage.
     pub stages: Vec<StageCost>,
+    /// The stages kept and left out.
+    pub plan: Plan,
 }
 
 /// Pass one alone.
@@ -381,16 +440,20 @@ pub fn solve_world(
 /// # Errors
 /// As [`solve`].
 pub fn solve_from(
-    world: World,
+    mut world: World,
     settings: &RenderSettings,
     kept: Kept,
     mut costs: StageCosts,
     observer: &mut Observer<'_>,
 ) -> Result<Solved, PipelineError> {
+    // What pass one itself was asked for is never left out.
+    let plan =
+        RenderSettings { read_out: Some(ReadOut::Stored), method: Method::TwoPass, ..settings.clone() }.plan_for(&world)?;
+    world.leave_out(plan.needs, plan.one_channel);
     let mut counts = RayCounts::default();
     let settings = (&settings.pass_one, settings.seed);
     let pass_one = pass_one::solve_from(&world, settings, kept, &mut costs, &mut counts, observer)?;
-    Ok(Solved { world, pass_one, counts, stages: costs.stages })
+    Ok(Solved { world, pass_one, counts, stages: costs.stages, plan })
 }
 
 fn frame_of(scene: &Scene, settings: &RenderSettings) -> Result<Frame, PipelineError> {

@@ -2,7 +2,7 @@
 
 use super::direct::{self, DIRECT_POINTS, Lamp, LampLight, LampWeight};
 use super::{PipelineError, cost::StageCosts};
-use crate::form_factor::{FormFactorMethod, FormFactorSettings, Outside, Stored, memory, method};
+use crate::form_factor::{FormFactorMethod, FormFactorSettings, FormFactors, OneChannel, Outside, Stored, memory, method};
 use crate::light::Light;
 use crate::math::{Rgb, sampler::mix};
 use crate::patch::{PatchMesh, PatchSettings};
@@ -102,6 +102,8 @@ pub struct PassOne {
     pub power: PowerBalance,
     /// What was not computed but taken from a file.
     pub reused: Reused,
+    /// Channels that products with the form factors went through.
+    pub channels: u32,
 }
 
 /// Stages whose results were there already.
@@ -158,7 +160,7 @@ impl Whole {
         let power = balance(world, &field, &outside);
         let solution = summary.with(Vec::new());
         let reused = Reused { patches: true, form_factors: true, lamps: true, solution: true };
-        PassOne { field, form_factors, outside, lamps, groups, solution, power, reused }
+        PassOne { field, form_factors, outside, lamps, groups, solution, power, reused, channels: 0 }
     }
 }
 
@@ -253,13 +255,16 @@ pub fn solve_from(
     if kept.form_factors.is_none() && kept.fresh.is_none() {
         fits(PatchMesh::expected(world, &settings.patches), &how, settings.max_memory)?;
     }
-    let patches = watch.time(Stage::Patches, || match kept.patches {
+    let mut patches = watch.time(Stage::Patches, || match kept.patches {
         Some(mut patches) => {
             patches.measure_light(world);
             Ok(patches)
         }
         None => kept.fresh.map_or_else(|| PatchMesh::build(world, &settings.patches), Ok),
     })?;
+    if world.needs().is_plain() {
+        watch.time(Stage::Patches, || patches.lay_out(world));
+    }
     if kept.form_factors.is_none() {
         fits(patches.len() as f64, &how, settings.max_memory)?;
     }
@@ -274,16 +279,23 @@ pub fn solve_from(
     let (form_factors, outside) =
         watch.time(Stage::FormFactors, || kept.form_factors.or_else(compute)).ok_or(PipelineError::Stopped)?;
     reused.solution = kept.solved.is_some();
+    let one_channel = OneChannel(&form_factors);
+    let operator: &dyn FormFactors = if world.is_grey() { &one_channel } else { &form_factors };
     let (solution, groups) = match kept.solved {
         Some((summary, groups)) => (summary.with(Vec::new()), groups),
         None => watch.time(Stage::Solve, || {
             let groups = groups(world, settings, (&patches, &form_factors, &outside), &lamps);
-            solve_groups(settings, (&patches, &form_factors), groups, &lamps, observer)
+            solve_groups(settings, (&patches, operator), groups, &lamps, observer)
         })?,
+    };
+    let channels = match reused.solution {
+        true => 0,
+        false if world.is_grey() => one_channel.channels(),
+        false => 3,
     };
     let field = assemble(patches, &lamps, &groups, &[]);
     let power = balance(world, &field, &outside);
-    Ok(PassOne { field, form_factors, outside, lamps, groups, solution, power, reused })
+    Ok(PassOne { field, form_factors, outside, lamps, groups, solution, power, reused, channels })
 }
 
 /// The field of lamps and groups, with a factor on each group; none: all as they are.
@@ -353,7 +365,7 @@ fn groups(
 /// Solves the groups one after the other; the solution is their sum.
 fn solve_groups(
     settings: &PassOneSettings,
-    (patches, form_factors): (&PatchMesh, &Stored),
+    (patches, form_factors): (&PatchMesh, &dyn FormFactors),
     mut groups: Vec<LightGroup>,
     lamps: &[LampLight],
     observer: &mut Observer<'_>,

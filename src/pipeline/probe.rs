@@ -7,6 +7,7 @@ use crate::math::{CompensatedSum, DVec3, Rgb, Vec3};
 use crate::world::World;
 use crate::world::walk::RayCounts;
 use rayon::prelude::*;
+use std::marker::PhantomData;
 
 /// What is found at one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,7 +58,7 @@ impl Prober<'_> {
         points: &[(DVec3, DVec3)],
         one: impl Fn(&TwoPass<'_>, Vec3, Vec3, u64, u64) -> Batch + Sync,
     ) -> (Vec<Probed>, RayCounts) {
-        let tracer = TwoPass {
+        let tracer: TwoPass<'_> = TwoPass {
             world: self.world,
             field: Some(&self.pass_one.field),
             settings: self.settings,
@@ -67,6 +68,7 @@ impl Prober<'_> {
             below: None,
             residual: None,
             smooth: None,
+            stages: PhantomData,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points

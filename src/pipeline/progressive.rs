@@ -13,9 +13,10 @@ use crate::integrator::caustic_map::{CausticMap, CausticSettings};
 use crate::integrator::irradiance_cache::{FillSettings, IrradianceCache};
 use crate::integrator::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass, encode_state};
 use crate::math::sampler::mix;
-use crate::world::World;
 use crate::world::walk::RayCounts;
+use crate::world::{Stages, World};
 use serde::{Deserialize, Serialize};
+use std::marker::PhantomData;
 use std::ops::ControlFlow;
 
 /// Elements of the first pass one. What gather rays see of it, in a mean over the hemisphere, is already within a few per cent.
@@ -87,7 +88,7 @@ struct State {
 }
 
 /// Rounds of passes with their caches and solutions.
-pub(super) struct Progressive<'a> {
+pub(super) struct Progressive<'a, K: Stages> {
     world: &'a World,
     settings: IntegratorSettings,
     pass_one: PassOne,
@@ -115,24 +116,25 @@ pub(super) struct Progressive<'a> {
     costs: StageCosts,
     /// Rays so far, pass one included.
     pub counts: RayCounts,
+    stages: PhantomData<K>,
 }
 
-impl<'a> Progressive<'a> {
-    /// The pass one to begin with: coarse, unless the user said how fine.
-    pub fn first_pass_one(asked: &PassOneSettings) -> PassOneSettings {
-        let mut settings = *asked;
-        if Self::refines(asked) {
-            settings.patches.elements = FIRST_ELEMENTS;
-            settings.form_factor_tolerance = FIRST_TOLERANCE;
-        }
-        settings
+/// The pass one to begin with: coarse, unless the user said how fine.
+pub(super) fn first_pass_one(asked: &PassOneSettings) -> PassOneSettings {
+    let mut settings = *asked;
+    if refines(asked) {
+        settings.patches.elements = FIRST_ELEMENTS;
+        settings.form_factor_tolerance = FIRST_TOLERANCE;
     }
+    settings
+}
 
-    fn refines(asked: &PassOneSettings) -> bool {
-        *asked == PassOneSettings { solver: asked.solver, max_memory: asked.max_memory, ..PassOneSettings::default() }
-    }
+fn refines(asked: &PassOneSettings) -> bool {
+    *asked == PassOneSettings { solver: asked.solver, max_memory: asked.max_memory, ..PassOneSettings::default() }
+}
 
-    /// Starts from a first solution, made by [`Self::first_pass_one`], that cost `counts`.
+impl<'a, K: Stages> Progressive<'a, K> {
+    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`.
     pub fn new(
         world: &'a World,
         render: &RenderSettings,
@@ -144,8 +146,8 @@ impl<'a> Progressive<'a> {
             world,
             settings: IntegratorSettings { read_out: ReadOut::FinalGather, ..settings },
             pass_one,
-            pass_one_settings: Self::first_pass_one(&render.pass_one),
-            refines: Self::refines(&render.pass_one),
+            pass_one_settings: first_pass_one(&render.pass_one),
+            refines: refines(&render.pass_one),
             pass_one_rays: rays(&counts),
             seed: render.seed,
             round: 0,
@@ -160,6 +162,7 @@ impl<'a> Progressive<'a> {
             memory: render.pass_one.max_memory.map_or(u64::MAX, |all| all / MEMORY_PARTS),
             costs: StageCosts::default(),
             counts,
+            stages: PhantomData,
         }
     }
 
@@ -268,7 +271,7 @@ impl<'a> Progressive<'a> {
         }
     }
 
-    fn two_pass<'b>(&'b self, half: usize, cache: Option<&'b IrradianceCache>) -> TwoPass<'b> {
+    fn two_pass<'b>(&'b self, half: usize, cache: Option<&'b IrradianceCache>) -> TwoPass<'b, K> {
         let caustics = self.caustics[half].as_ref();
         TwoPass {
             world: self.world,
@@ -280,11 +283,12 @@ impl<'a> Progressive<'a> {
             below: None,
             residual: None,
             smooth: None,
+            stages: PhantomData,
         }
     }
 }
 
-impl Integrator for Progressive<'_> {
+impl<K: Stages> Integrator for Progressive<'_, K> {
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         if index >= self.round_end {
             self.next_round(frame);

@@ -3,6 +3,7 @@
 use crate::math::Rgb;
 use crate::patch::PatchMesh;
 use crate::world::SurfaceInteraction;
+use crate::world::flat::FlatHit;
 use std::f64::consts::FRAC_1_PI;
 
 /// The solution over the patches, its parts kept apart.
@@ -83,10 +84,22 @@ impl RadiosityField {
     /// What is stored for a surface point; zero where there is no patch.
     #[inline]
     pub fn at(&self, si: &SurfaceInteraction) -> Stored {
-        self.patches.patch_at(si).map_or(Stored { irradiance: Rgb::BLACK, is_near: false }, |id| {
-            let (irradiance, area) = self.whole[id.0 as usize];
-            Stored { irradiance, is_near: f64::from(si.t) * f64::from(si.t) < area }
-        })
+        self.patches
+            .patch_at(si)
+            .map_or(Stored { irradiance: Rgb::BLACK, is_near: false }, |id| self.of_patch(id.0 as usize, si.t))
+    }
+
+    /// The patch where a ray met a flat wall, by the layout that [`PatchMesh::lay_out`] made.
+    #[inline]
+    pub fn patch_on_flat(&self, hit: &FlatHit) -> Option<usize> {
+        self.patches.patch_on_flat(hit.primitive, hit.place, hit.front).map(|id| id.0 as usize)
+    }
+
+    /// What is stored for patch `i` and seen from a distance of `t`.
+    #[inline]
+    pub fn of_patch(&self, i: usize, t: f32) -> Stored {
+        let (irradiance, area) = self.whole[i];
+        Stored { irradiance, is_near: f64::from(t) * f64::from(t) < area }
     }
 
     /// Irradiance of patch `i` as its diffuse part accepts it [W/m²].

@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod camera;
+mod needs;
 mod repair;
 
 pub use build::{LightSource, SceneError, SceneSource, ShapeSource, SurfaceSource};

@@ -2,7 +2,7 @@
 
 use super::sight::Origin;
 use super::walk::RayCounts;
-use super::{SurfaceInteraction, World};
+use super::{All, Stages, SurfaceInteraction, World};
 use crate::geometry::Ray;
 use crate::light::{Light, LightHit, LightSample, Receiver};
 use crate::material::Scattering;
@@ -63,7 +63,7 @@ impl World {
     ///
     /// The surroundings count by their share beside `gather_rays` cosine-distributed rays.
     #[inline]
-    pub fn direct_irradiance(
+    pub fn direct_irradiance<K: Stages>(
         &self,
         si: &SurfaceInteraction,
         sampling: DirectSampling,
@@ -80,7 +80,7 @@ impl World {
             let diffuse = Rgb::grey(f64::from(cos) * ray.share_beside_gather_rays(gather_rays, cos));
             Scattering { diffuse, glossy: Rgb::BLACK }
         };
-        self.direct(si, Some(si.ns), sampling, sampler, counts, respond).diffuse
+        self.direct_by::<K>(si, Some(si.ns), sampling, sampler, counts, respond).diffuse
     }
 
     /// Estimate of the light from all lights that are found by shadow rays, times the response of `respond` to each direction; the receiving
@@ -98,8 +98,22 @@ impl World {
         counts: &mut RayCounts,
         respond: impl Fn(&ShadowRay) -> Scattering,
     ) -> Scattering {
+        self.direct_by::<All>(si, receiver, sampling, sampler, counts, respond)
+    }
+
+    /// As [`Self::direct`], by code that holds the stages `K`.
+    #[inline]
+    pub fn direct_by<K: Stages>(
+        &self,
+        si: &SurfaceInteraction,
+        receiver: Option<Vec3>,
+        sampling: DirectSampling,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        respond: impl Fn(&ShadowRay) -> Scattering,
+    ) -> Scattering {
         let mut sum = Scattering::default();
-        self.direct_by_light(si, receiver, sampling, sampler, counts, respond, |_, found| {
+        self.direct_by_light::<K>(si, receiver, sampling, sampler, counts, respond, |_, found| {
             sum.diffuse += found.diffuse;
             sum.glossy += found.glossy;
         });
@@ -109,7 +123,7 @@ impl World {
     /// The same, light by light: `found` gets the index of a light in the scene and what one ray to it found.
     #[inline]
     #[expect(clippy::too_many_arguments, reason = "those of direct, and who listens")]
-    pub fn direct_by_light(
+    pub fn direct_by_light<K: Stages>(
         &self,
         si: &SurfaceInteraction,
         receiver: Option<Vec3>,
@@ -121,9 +135,9 @@ impl World {
     ) {
         let faces = Receiver { normal: receiver, in_passing: sampling.in_passing };
         let mut add = |light: usize, picked: f64, u: Vec2| {
-            let surroundings = self.partition.environment() == Some(light);
+            let surroundings = K::DISTANT && self.partition.environment() == Some(light);
             let sample = match (&self.scene.lights[light], &self.sky_guide) {
-                (Light::Environment(environment), Some(guide)) if surroundings => {
+                (Light::Environment(environment), Some(guide)) if K::DISTANT && surroundings => {
                     guide.sample(environment, si.point, receiver, u)
                 }
                 (light, _) => light.sample(si.point, faces, u),
@@ -143,9 +157,12 @@ impl World {
                 return;
             }
             counts.shadow += 1;
-            let arriving = self.transmittance(&shadow_ray(si, &sample)) * sample.irradiance / picked;
+            counts.visibility += u64::from(K::VISIBILITY);
+            let share = if K::VISIBILITY { self.transmittance(&shadow_ray(si, &sample)) } else { Rgb::WHITE };
+            let arriving = share * sample.irradiance / picked;
             found(light, Scattering { diffuse: response.diffuse * arriving, glossy: response.glossy * arriving });
         };
+        let mut choices = 0;
         let lights = self.partition.shadow_lights();
         if lights.len() <= sampling.lights_per_point {
             lights.iter().for_each(|&light| add(light, 1.0, sampler.next_2d()));
@@ -153,9 +170,15 @@ impl World {
             let shift = f64::from(sampler.next_1d());
             let picks = sampling.lights_per_point.min(MOST_PICKS);
             let mut us = [Vec2::ZERO; MOST_PICKS];
+            choices = 1;
             us.iter_mut().take(picks).for_each(|u| *u = sampler.next_2d());
             self.pick_lights(si.point, receiver, picks, shift, |pick, light, expected| add(light, expected, us[pick]));
         }
+        counts.light_choices += choices;
+        if !K::DISTANT {
+            return;
+        }
+        counts.distant += self.partition.distant_lights().len() as u64;
         for &light in self.partition.distant_lights() {
             let rays = if self.partition.environment() == Some(light) { sampling.sky_rays } else { 1 };
             (0..rays).for_each(|_| add(light, f64::from(rays), sampler.next_2d()));

@@ -1,6 +1,8 @@
 //! A scene made ready for rays: primitives, the tree over them, and what is known at a hit.
 
+mod convex;
 pub mod departure;
+pub mod flat;
 pub mod illumination;
 pub mod interaction;
 pub mod partition;
@@ -8,6 +10,7 @@ pub mod plane_mirrors;
 pub mod shading;
 pub mod sight;
 mod sky_guide;
+pub mod stages;
 mod tangent;
 pub mod walk;
 
@@ -17,6 +20,7 @@ pub use interaction::SurfaceInteraction;
 pub use partition::EmitterPartition;
 pub use shading::Shading;
 pub use sight::Sight;
+pub use stages::{All, Stages};
 
 use crate::accel::{self, Accel, AccelError, AccelKind};
 use crate::geometry::soup::Primitive;
@@ -24,7 +28,10 @@ use crate::geometry::{Bounds, Hit, Ray, Soup, triangle};
 use crate::light::LightTree;
 use crate::math::{Vec2, Vec3};
 use crate::scene::{Scene, Shape, ShapeSurface};
+use convex::Hull;
+use flat::Flat;
 use sky_guide::SkyGuide;
+use stages::Needs;
 use std::sync::Arc;
 
 /// Relative bound on the rounding of a hit point on a sphere, in units of the largest coordinate: eight ulps.
@@ -52,6 +59,13 @@ pub struct World {
     light_tree: Option<LightTree>,
     /// What is seen of the surroundings from where.
     sky_guide: Option<SkyGuide>,
+    /// What is known of triangles beforehand, if all are plain.
+    flat: Option<Flat>,
+    /// The walls of a convex body, if that is all there is.
+    hull: Option<Hull>,
+    /// The stages that rays are followed with.
+    needs: Needs,
+    is_grey: bool,
 }
 
 impl World {
@@ -98,6 +112,8 @@ impl World {
         let oriented = scene.materials.iter().map(|m| m.relief.is_some() || m.material.is_anisotropic()).collect();
         let lights = partition.shadow_lights();
         let light_tree = (lights.len() > FEW_LIGHTS).then(|| LightTree::new(&scene.lights, lights));
+        let flat = Flat::of(&scene, &soup, &shape_of_primitive);
+        let hull = Hull::of(&soup, f64::from(bounds.diagonal()));
         let soup = Arc::new(soup);
         let accel = accel::build(Arc::clone(&soup), kind)?;
         let mut world = World {
@@ -113,9 +129,39 @@ impl World {
             oriented,
             light_tree,
             sky_guide: None,
+            flat,
+            hull,
+            needs: Needs::ALL,
+            is_grey: false,
         };
         world.sky_guide = SkyGuide::measure(&world);
         Ok(world)
+    }
+
+    /// Leaves out the stages that a plan found to be of no effect in this scene.
+    pub fn leave_out(&mut self, needs: Needs, is_grey: bool) {
+        (self.needs, self.is_grey) = (needs, is_grey);
+    }
+
+    /// True if a plan found red, green and blue to be equal in all that is reflected and emitted.
+    pub fn is_grey(&self) -> bool {
+        self.is_grey
+    }
+
+    /// The stages that rays are followed with.
+    pub fn needs(&self) -> Needs {
+        self.needs
+    }
+
+    /// True if every surface is flat, not smoothed, and reflects diffusely and alike all over.
+    pub fn is_plain(&self) -> bool {
+        self.flat.is_some()
+    }
+
+    /// Looks for no light any more: there is none.
+    pub fn forget_lights(&mut self) {
+        self.partition = EmitterPartition::of_none(self.scene.shapes.len());
+        (self.light_tree, self.sky_guide) = (None, None);
     }
 
     /// The scene.
@@ -163,7 +209,16 @@ impl World {
     /// Nearest surface along `ray`.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<SurfaceInteraction> {
-        self.accel.intersect(ray).map(|hit| self.interaction(ray, hit))
+        self.intersect_by::<All>(ray)
+    }
+
+    /// As [`Self::intersect`], by code that holds the stages `K`.
+    #[inline]
+    pub fn intersect_by<K: Stages>(&self, ray: &Ray) -> Option<SurfaceInteraction> {
+        if K::PLAIN {
+            return self.meet_flat::<K>(ray).map(|hit| self.flat_interaction(&hit));
+        }
+        self.accel.intersect(ray).map(|hit| self.interaction::<K>(ray, hit))
     }
 
     /// True if something lies between the two ends of `ray`.
@@ -174,11 +229,11 @@ impl World {
 
     /// The surface at a hit, found again from ray and primitive alone, so that every engine gives the same.
     #[inline]
-    fn interaction(&self, ray: &Ray, hit: Hit) -> SurfaceInteraction {
+    fn interaction<K: Stages>(&self, ray: &Ray, hit: Hit) -> SurfaceInteraction {
         match self.soup.primitive(hit.primitive) {
             Primitive::Triangle([a, b, c]) => {
                 let weights = triangle::barycentric(ray, a, b, c);
-                let mut si = self.on_triangle(hit.primitive, weights, -ray.direction);
+                let mut si = self.on_triangle_by::<K>(hit.primitive, weights, -ray.direction);
                 si.t = triangle::parameter(ray, [a, b, c], weights);
                 si.end = hit.t;
                 si
@@ -193,6 +248,12 @@ impl World {
     /// The surface point of triangle `primitive` at barycentric `weights` of its second and third vertex, seen from `wo`.
     #[inline]
     pub fn on_triangle(&self, primitive: u32, weights: (f64, f64), wo: Vec3) -> SurfaceInteraction {
+        self.on_triangle_by::<All>(primitive, weights, wo)
+    }
+
+    /// As [`Self::on_triangle`], by code that holds the stages `K`.
+    #[inline]
+    pub fn on_triangle_by<K: Stages>(&self, primitive: u32, weights: (f64, f64), wo: Vec3) -> SurfaceInteraction {
         let shape = self.shape_index(primitive);
         let [a, b, c] = self.soup.corners(primitive as usize);
         let (u, v) = weights;
@@ -202,7 +263,7 @@ impl World {
         let (mut ns, mut uv) = (ng, Vec2::new(u as f32, v as f32));
         if let ShapeSurface::Mesh(mesh) = &self.scene.shapes[shape].surface {
             let [i, j, k] = mesh.triangles[(primitive - self.first_primitive[shape]) as usize].map(|i| i as usize);
-            if !mesh.normals.is_empty() {
+            if K::CURVED && !mesh.normals.is_empty() {
                 let n = mix(mesh.normals[i], mesh.normals[j], mesh.normals[k]).as_vec3().normalize_or_zero();
                 if n != Vec3::ZERO {
                     ns = n;
@@ -212,7 +273,7 @@ impl World {
                     }
                 }
             }
-            if !mesh.uvs.is_empty() {
+            if K::UV && !mesh.uvs.is_empty() {
                 let [p, q, r] = [i, j, k].map(|i| mesh.uvs[i].as_dvec2());
                 uv = (p * w + q * u + r * v).as_vec2();
             }

@@ -62,6 +62,17 @@ impl EmitterPartition {
         partition
     }
 
+    /// For a scene of so many shapes in which nothing shines: no shadow ray looks for any light.
+    pub fn of_none(shapes: usize) -> Self {
+        Self {
+            shadow: Vec::new(),
+            distant: Vec::new(),
+            shadow_light_of_shape: vec![None; shapes],
+            environment: None,
+            leaves_some: false,
+        }
+    }
+
     /// True if some emitter, the surroundings among them, is left to rays that meet it by chance.
     #[inline]
     pub fn leaves_some(&self) -> bool {

@@ -1,6 +1,6 @@
 //! A hit seen through its material: what scatters there, in world directions.
 
-use super::{DirectSampling, SurfaceInteraction, World};
+use super::{All, DirectSampling, Stages, SurfaceInteraction, World};
 use crate::material::{Lobe, Lobes, Material, Relief, Scattering};
 use crate::math::{Frame, Rgb, Vec2, Vec3};
 
@@ -48,10 +48,16 @@ impl World {
     /// The material at `si`. On the back of a one-sided opaque surface nothing of it scatters.
     #[inline]
     pub fn shading<'a>(&'a self, si: &'a SurfaceInteraction) -> Shading<'a> {
+        self.shading_by::<All>(si)
+    }
+
+    /// As [`Self::shading`], by code that holds the stages `K`.
+    #[inline]
+    pub fn shading_by<'a, K: Stages>(&'a self, si: &'a SurfaceInteraction) -> Shading<'a> {
         let surface = self.scene.material_of(&self.scene.shapes[si.shape as usize]);
         let mut frame = si.shading_frame();
         let mut relief = None;
-        if self.oriented[self.scene.shapes[si.shape as usize].material.0 as usize] {
+        if K::UV && self.oriented[self.scene.shapes[si.shape as usize].material.0 as usize] {
             let (du, dv) = self.tangents(si);
             frame = self.textured_frame(si, frame.n, du);
             if let Some(map) = &surface.relief {

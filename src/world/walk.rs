@@ -2,7 +2,7 @@
 
 use super::shading::Shading;
 use super::sight::{Origin, Sight, balance};
-use super::{SurfaceInteraction, World};
+use super::{All, Stages, SurfaceInteraction, World};
 use crate::geometry::Ray;
 use crate::material::Lobe;
 use crate::math::{Rgb, Sampler, Vec3};
@@ -27,6 +27,18 @@ pub struct RayCounts {
     pub reflected: u64,
     /// Continuations by transmission.
     pub transmitted: u64,
+    /// Shadow rays that were tested for what stands in their way.
+    pub visibility: u64,
+    /// Hits at which lobes other than the diffuse one were evaluated.
+    pub lobes: u64,
+    /// Hits at which texture coordinates were found.
+    pub uv: u64,
+    /// Looks at light from infinitely far away: rays that left the scene, and samples of suns and surroundings.
+    pub distant: u64,
+    /// Choices of some lights among many.
+    pub light_choices: u64,
+    /// Hits whose triangle or sphere had to be asked for its normal.
+    pub curved: u64,
     /// Chains cut by the depth limit.
     pub truncated: u64,
     /// Rays of particles from lamps.
@@ -43,6 +55,12 @@ impl std::ops::AddAssign for RayCounts {
         self.form_factor += o.form_factor;
         self.reflected += o.reflected;
         self.transmitted += o.transmitted;
+        self.visibility += o.visibility;
+        self.lobes += o.lobes;
+        self.uv += o.uv;
+        self.distant += o.distant;
+        self.light_choices += o.light_choices;
+        self.curved += o.curved;
         self.truncated += o.truncated;
         self.particle += o.particle;
         self.truncated_weight += o.truncated_weight;
@@ -50,6 +68,13 @@ impl std::ops::AddAssign for RayCounts {
 }
 
 impl RayCounts {
+    /// Records what code that holds the stages `K` finds out at a hit.
+    #[inline]
+    pub fn met<K: Stages>(&mut self) {
+        self.uv += u64::from(K::UV);
+        self.curved += u64::from(K::CURVED);
+    }
+
     /// Records a camera path that the depth limit cut; `weight` is radiance at the camera over the radiance not looked at.
     #[inline]
     pub fn truncate(&mut self, weight: Rgb) {
@@ -128,6 +153,20 @@ impl World {
     #[inline]
     pub fn follow(
         &self,
+        ray: Ray,
+        sight: Sight,
+        sampler: &mut Sampler,
+        max_events: u32,
+        counts: &mut RayCounts,
+        visit: impl FnMut(Event<'_>),
+    ) {
+        self.follow_by::<All>(ray, sight, sampler, max_events, counts, visit);
+    }
+
+    /// As [`Self::follow`], by code that holds the stages `K`.
+    #[inline]
+    pub fn follow_by<K: Stages>(
+        &self,
         mut ray: Ray,
         mut sight: Sight,
         sampler: &mut Sampler,
@@ -141,18 +180,24 @@ impl World {
         let mut through = 0;
         let (mut bent, mut glossy) = (false, false);
         loop {
-            let Some(si) = self.intersect(&ray) else {
-                let share = self.escape_share(&sight, ray.direction);
+            let Some(si) = self.intersect_by::<K>(&ray) else {
+                counts.distant += u64::from(K::DISTANT);
+                let share = if K::DISTANT { self.escape_share(&sight, ray.direction) } else { 0.0 };
                 visit(Event::Escaped { direction: ray.direction, throughput, through, share });
                 return;
             };
-            let shading = self.shading(&si);
+            counts.met::<K>();
+            let shading = self.shading_by::<K>(&si);
             let emission_share = self.emission_share(&sight, ray.direction, &si);
             let by_ideal_lobes = bent && !glossy;
             visit(Event::Surface { at: &si, shading: &shading, throughput, through, emission_share, by_ideal_lobes });
+            if !K::SPECULAR {
+                return;
+            }
+            counts.lobes += 1;
             let ends = through + 1 >= max_events.min(LONGEST);
             let lit = |radiance: Rgb| visit(Event::Lit { radiance: throughput * radiance, through });
-            let Some(step) = self.step(&si, &shading, &sight, sampler, counts, lit) else { return };
+            let Some(step) = self.step::<K>(&si, &shading, &sight, sampler, counts, lit) else { return };
             throughput *= step.weight;
             survival *= step.power;
             through += 1;
@@ -183,7 +228,7 @@ impl World {
 
     /// One lobe chosen by its share of power; `lit` gets the light of shadow rays that a glossy surface reflects.
     #[inline]
-    fn step(
+    fn step<K: Stages>(
         &self,
         si: &SurfaceInteraction,
         shading: &Shading<'_>,
@@ -210,7 +255,7 @@ impl World {
                 response.glossy = response.glossy * balance(ray.density, other);
                 response
             };
-            let direct = self.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).glossy;
+            let direct = self.direct_by::<K>(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).glossy;
             if !direct.is_black() {
                 lit(direct);
             }

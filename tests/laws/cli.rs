@@ -189,7 +189,7 @@ fn wrong_usage_exits_with_2() {
         "render room.xml -D angle",
         "render room.xml -D angle=3",
         "render room.xml -q -v",
-        "render room.xml --plan full",
+        "render room.xml --plan fuller",
         "render room.xml --solver magic",
         "render room.xml --form-factors magic",
         "form-factors room.xml --by face",

@@ -46,7 +46,7 @@ fn what_is_read_between_records_is_the_irradiance_there() {
         seed: 1,
         sampler: SamplerKind::Sobol,
     };
-    let tracer = TwoPass {
+    let tracer: TwoPass<'_> = TwoPass {
         world: &world,
         field: None,
         settings,
@@ -56,6 +56,7 @@ fn what_is_read_between_records_is_the_irradiance_there() {
         below: None,
         residual: None,
         smooth: None,
+        stages: std::marker::PhantomData,
     };
     let fill =
         FillSettings { rays: 4096, accuracy: 0.25, closest: 2.0, farthest: 16.0, spacing: 1, most_rays: u64::MAX, seed: 5 };

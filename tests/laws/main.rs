@@ -32,6 +32,7 @@ mod material_laws;
 mod metrics;
 mod patches;
 mod path;
+mod plan;
 mod process;
 mod sky;
 mod solution_file;

@@ -8,7 +8,7 @@ use twopass::form_factor::analytic::point_to_polygon;
 use twopass::light::{Environment, Light};
 use twopass::math::{Sampler, Vec2, Vec3};
 use twopass::world::walk::RayCounts;
-use twopass::world::{DirectSampling, World};
+use twopass::world::{All, DirectSampling, World};
 
 /// Radiance 1 from everywhere, as a map.
 fn even_sky() -> Environment {
@@ -45,7 +45,7 @@ fn estimates(world: &World, point: DVec3, n: DVec3, sky_rays: u32, in_passing: b
     let (mut sum, mut squares, count) = (0.0, 0.0, 60_000);
     for i in 0..count {
         let mut sampler = Sampler::new(11, 0, i);
-        let h = world.direct_irradiance(&si, sampling, 0.0, &mut sampler, &mut RayCounts::default()).g;
+        let h = world.direct_irradiance::<All>(&si, sampling, 0.0, &mut sampler, &mut RayCounts::default()).g;
         sum += h;
         squares += h * h;
     }

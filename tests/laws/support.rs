@@ -73,6 +73,13 @@ impl Room {
         self.add(SurfaceSource::Triangles(tessellate::rectangle(&to_world)), material, emission);
     }
 
+    /// A convex polygon, its corners counter-clockwise as seen from its front.
+    pub fn polygon(&mut self, corners: &[DVec3], material: MaterialId, emission: f64) {
+        let triangles = (1..corners.len() as u32 - 1).map(|k| [0, k, k + 1]).collect();
+        let shape = tessellate::Triangles { positions: corners.to_vec(), normals: Vec::new(), uvs: Vec::new(), triangles };
+        self.add(SurfaceSource::Triangles(shape), material, emission);
+    }
+
     /// The box between two corners, seen from inside; each wall its own shape in the order -x, +x, -y, +y, -z, +z.
     pub fn walls(&mut self, low: DVec3, high: DVec3, materials: [MaterialId; 6], emission: [f64; 6]) {
         let d = high - low;

@@ -9,7 +9,8 @@ use twopass::form_factor::{FormFactorMethod, memory};
 use twopass::geometry::Bounds;
 use twopass::math::DVec3;
 use twopass::patch::{PatchMesh, PatchSettings};
-use twopass::pipeline::{PassOneSettings, PipelineError};
+use twopass::pipeline::{PassOneSettings, PipelineError, RenderSettings};
+use twopass::plan::Plan;
 use twopass::world::World;
 
 /// Bytes of the film and of the file's layers for one pixel.
@@ -25,7 +26,9 @@ pub fn run(common: &Common, args: &InfoArgs) -> Result<(), Failure> {
     let world = World::new(loaded.scene, common.accel).map_err(PipelineError::from)?;
     let settings = PatchSettings { patch_size: args.patch_size, ..PatchSettings::default() };
     let patches = PatchMesh::build(&world, &settings).map_err(PipelineError::from)?;
-    let facts = facts(&world, &patches, hash, files);
+    let mut facts = facts(&world, &patches, hash, files);
+    let plan = RenderSettings { plan: common.plan.into(), ..RenderSettings::default() }.plan_for(&world)?;
+    facts.push(("plan", plan_lines(&plan)));
     print(&if args.json { json(facts) } else { lines(&facts) })
 }
 
@@ -82,6 +85,12 @@ fn memory(world: &World, patches: &PatchMesh) -> Facts {
     ]
 }
 
+/// A line for each stage: what becomes of it and why.
+fn plan_lines(plan: &Plan) -> Value {
+    let verb = |kept| if kept { "kept" } else { "left out" };
+    plan.decisions.iter().map(|d| format!("{}: {}: {}", d.stage, verb(d.kept), d.reason)).collect()
+}
+
 /// Lower and upper corner in the file's coordinates.
 fn bounds(bounds: Bounds, origin: DVec3) -> Value {
     if bounds.is_empty() {
@@ -101,8 +110,9 @@ fn lines(facts: &Facts) -> String {
     let mut text = String::new();
     for (name, value) in facts {
         match (*name, value) {
-            ("warnings", Value::Array(warnings)) => {
-                warnings.iter().for_each(|w| text += &format!("warning {}\n", plain(w)));
+            ("warnings" | "plan", Value::Array(said)) => {
+                let name = name.trim_end_matches('s');
+                said.iter().for_each(|line| text += &format!("{name} {}\n", plain(line)));
             }
             ("max_depth", Value::Null) => text += "max_depth unlimited\n",
             _ => text += &format!("{name} {}\n", plain(value)),

@@ -46,6 +46,7 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
     let mut settings = RenderSettings {
         seed: common.seed,
         accel: common.accel,
+        plan: common.plan.into(),
         pass_one: PassOneSettings { max_memory: common.max_memory.or_else(physical_memory), ..pass_one_settings(pass_one) },
         ..RenderSettings::default()
     };

@@ -268,6 +268,7 @@ fn write_partial(job: &Job, film: &Film) {
 /// Writes what was rendered, complete or not, and says how it went.
 fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(), Failure> {
     let targets = &job.targets;
+    report::add_plan(&mut run_report, &rendered.plan);
     report::add_costs(&mut run_report, &rendered.stages, &rendered.counts);
     report::add_film(&mut run_report, &rendered.film);
     if let Some(pass_one) = &rendered.pass_one {

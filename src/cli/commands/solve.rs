@@ -61,6 +61,7 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let solved = pipeline::solve_from(world, &settings, kept, costs, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
+    report::add_plan(&mut run_report, &solved.plan);
     report::add_costs(&mut run_report, &solved.stages, &solved.counts);
     report::add_pass_one(common, &mut run_report, &solved.pass_one);
     run_report.complete = solved.pass_one.solution.converged;

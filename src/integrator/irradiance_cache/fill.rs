@@ -5,8 +5,8 @@ use super::{IrradianceCache, Record};
 use crate::integrator::whitted::Path;
 use crate::integrator::{Frame, TwoPass};
 use crate::math::{Vec2, sampler::mix};
-use crate::world::SurfaceInteraction;
 use crate::world::walk::RayCounts;
+use crate::world::{Stages, SurfaceInteraction};
 use rayon::prelude::*;
 
 /// Pixels between the points first looked at.
@@ -39,7 +39,7 @@ pub(in crate::integrator) struct Gap {
     pub pixel: f32,
 }
 
-impl TwoPass<'_> {
+impl<K: Stages> TwoPass<'_, K> {
     /// A cache for what this frame sees.
     pub fn fill(&self, frame: &Frame, settings: &FillSettings, counts: &mut RayCounts) -> IrradianceCache {
         let mut cache = IrradianceCache::default();
@@ -87,6 +87,9 @@ impl TwoPass<'_> {
                 }
             }
             stride /= 2;
+        }
+        if K::PLAIN {
+            cache.lay_out::<K>(self.world);
         }
         cache
     }

@@ -1,11 +1,13 @@
 //! One record: irradiance and its gradients from a hemisphere of rays in rings and sectors [Ward92].
 
 use super::Record;
+use crate::geometry::Ray;
 use crate::integrator::TwoPass;
+use crate::integrator::final_gather::NEAR_LEVELS;
 use crate::math::{Frame, Rgb, Sampler, Vec3};
 use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::RayCounts;
-use crate::world::{Sight, SurfaceInteraction};
+use crate::world::{Sight, Stages, SurfaceInteraction};
 use std::f64::consts::{PI, TAU};
 
 /// How records are gathered.
@@ -30,7 +32,7 @@ struct Seen {
     nearness: f64,
 }
 
-impl TwoPass<'_> {
+impl<K: Stages> TwoPass<'_, K> {
     /// Irradiance at `si` and around it. `reach` bounds how far it may hold [m], from below and above.
     pub(super) fn gather_record(
         &self,
@@ -40,11 +42,13 @@ impl TwoPass<'_> {
         reach: [f32; 2],
         counts: &mut RayCounts,
     ) -> Record {
-        let shading = self.world.shading(si);
+        let shading = self.world.shading_by::<K>(si);
         let frame = Frame::new(shading.normal());
         let rings = ((f64::from(settings.rays) / PI).sqrt().round() as usize).max(3);
         let sectors = (PI * rings as f64).round() as usize;
         let mut seen = Vec::with_capacity(rings * sectors);
+        // On this side of the face all rays start at one point.
+        let start = si.spawn(si.ng).origin;
         for j in 0..rings {
             for k in 0..sectors {
                 let mut sampler = Sampler::new(settings.seed, key, (j * sectors + k) as u64);
@@ -66,8 +70,13 @@ impl TwoPass<'_> {
                     continue;
                 }
                 counts.gather += 1;
-                let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
-                let acceptance = shading.acceptance(direction);
+                let (found, acceptance) = if K::PLAIN {
+                    let ray = Ray::new(start, direction);
+                    (self.plain_gathered(&ray, 0, NEAR_LEVELS, &mut sampler, counts), Rgb::WHITE)
+                } else {
+                    let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
+                    (found, shading.acceptance(direction))
+                };
                 seen.push(Seen {
                     radiance: (found.reflected + found.emitted) * acceptance,
                     emitted: found.emitted * acceptance,
@@ -93,7 +102,8 @@ impl TwoPass<'_> {
         let share = |e: f64, h: f64| if h > 0.0 { e / h } else { 0.0 };
         let emitted_share =
             Rgb::new(share(emitted.r, irradiance.r), share(emitted.g, irradiance.g), share(emitted.b, irradiance.b));
-        let (rotation, translation) = gradients(frame, seen, rings);
+        let (rotation, translation) =
+            if K::COLOUR { gradients::<3>(frame, seen, rings) } else { gradients::<1>(frame, seen, rings) };
         let mean_nearness = seen.iter().map(|s| s.nearness).sum::<f64>() / n;
         let harmonic = (1.0 / mean_nearness.max(1e-30)) as f32;
         // Where irradiance changes fast, a record holds less far.
@@ -106,42 +116,50 @@ impl TwoPass<'_> {
 }
 
 /// Rotation and translation gradients per channel, in world axes: [Ward92], equations for a hemisphere of rings and sectors of equal
-/// projected solid angle.
-fn gradients(frame: &Frame, seen: &[Seen], rings: usize) -> ([Vec3; 3], [Vec3; 3]) {
+/// projected solid angle. The first `N` channels are computed; the others, if any, are as the first.
+fn gradients<const N: usize>(frame: &Frame, seen: &[Seen], rings: usize) -> ([Vec3; 3], [Vec3; 3]) {
     let sectors = seen.len() / rings;
     let at = |j: usize, k: usize| seen[j * sectors + k % sectors];
     let edge_sin2 = |j: usize| j as f64 / rings as f64;
-    let mut rotation = [[0.0_f64; 2]; 3];
-    let mut translation = [[0.0_f64; 2]; 3];
+    let mut rotation = [[0.0_f64; 2]; N];
+    let mut translation = [[0.0_f64; 2]; N];
     for k in 0..sectors {
         let middle = TAU * (k as f64 + 0.5) / sectors as f64;
         let border = TAU * k as f64 / sectors as f64;
         let (u, v) = ([middle.cos(), middle.sin()], [-middle.sin(), middle.cos()]);
         let v_border = [-border.sin(), border.cos()];
-        let (mut turned, mut radial, mut across) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
+        let (mut turned, mut radial, mut across) = ([0.0; N], [0.0; N], [0.0; N]);
         for j in 0..rings {
             let here = at(j, k);
             let sin2 = (j as f64 + 0.5) / rings as f64;
-            turned += here.radiance * (sin2 / (1.0 - sin2)).sqrt();
+            let tangent = (sin2 / (1.0 - sin2)).sqrt();
+            let beside = at(j, k + sectors - 1);
+            let width = edge_sin2(j + 1).sqrt() - edge_sin2(j).sqrt();
+            let across_by = width * here.nearness.max(beside.nearness);
+            let (value, next) = (here.radiance.to_array(), beside.radiance.to_array());
+            for ((turned, across), (value, next)) in turned.iter_mut().zip(&mut across).zip(value.into_iter().zip(next)) {
+                *turned += value * tangent;
+                *across += (value - next) * across_by;
+            }
             if j > 0 {
                 let inner = at(j - 1, k);
                 let (s2, near) = (edge_sin2(j), here.nearness.max(inner.nearness));
-                radial += (here.radiance - inner.radiance) * (s2.sqrt() * (1.0 - s2) * near);
+                let radial_by = s2.sqrt() * (1.0 - s2) * near;
+                let inner = inner.radiance.to_array();
+                radial.iter_mut().zip(value.into_iter().zip(inner)).for_each(|(sum, (v, i))| *sum += (v - i) * radial_by);
             }
-            let beside = at(j, k + sectors - 1);
-            let width = edge_sin2(j + 1).sqrt() - edge_sin2(j).sqrt();
-            across += (here.radiance - beside.radiance) * (width * here.nearness.max(beside.nearness));
         }
-        for (c, (t, (r, a))) in
-            turned.to_array().into_iter().zip(radial.to_array().into_iter().zip(across.to_array())).enumerate()
-        {
-            for axis in 0..2 {
-                rotation[c][axis] += v[axis] * t;
-                translation[c][axis] += u[axis] * r * TAU / sectors as f64 + v_border[axis] * a;
+        for (rotation, turned) in rotation.iter_mut().zip(turned) {
+            [0, 1].into_iter().for_each(|axis| rotation[axis] += v[axis] * turned);
+        }
+        for (translation, (radial, across)) in translation.iter_mut().zip(radial.into_iter().zip(across)) {
+            for axis in [0, 1] {
+                translation[axis] += u[axis] * radial * TAU / sectors as f64 + v_border[axis] * across;
             }
         }
     }
     let scale = PI / seen.len() as f64;
     let world = |g: [f64; 2], by: f64| frame.s * (g[0] * by) as f32 + frame.t * (g[1] * by) as f32;
-    (rotation.map(|g| world(g, scale)), translation.map(|g| world(g, 1.0)))
+    let channel = |c: usize| c.min(N - 1);
+    ([0, 1, 2].map(|c| world(rotation[channel(c)], scale)), [0, 1, 2].map(|c| world(translation[channel(c)], 1.0)))
 }

@@ -75,6 +75,12 @@ impl Grid {
         }
     }
 
+    /// Where among the levels [`Self::visit`] comes to spheres of a radius.
+    pub fn level_of(&self, radius: f32) -> usize {
+        let exponent = (2.0 * radius).log2().ceil() as i32;
+        self.levels.iter().position(|level| level.exponent == exponent).unwrap_or(self.levels.len())
+    }
+
     /// Visits the spheres that may contain `point`, always in the same order, until `visit` breaks.
     #[inline]
     pub fn visit(&self, point: Vec3, mut visit: impl FnMut(u32) -> ControlFlow<()>) {

@@ -9,6 +9,7 @@ mod bounces;
 mod fill;
 mod gather;
 pub(super) mod grid;
+mod tiles;
 
 pub use bounces::{Below, BounceSettings};
 pub use fill::FillSettings;
@@ -17,6 +18,7 @@ pub(super) use fill::Gap;
 use crate::math::{Rgb, Vec3};
 use grid::Grid;
 use std::ops::ControlFlow;
+use tiles::Tiles;
 
 /// Records are read this many times as far as they keep others from being placed, so that several blend at every point.
 const OVERLAP: f32 = 1.6;
@@ -59,6 +61,8 @@ pub struct Cached {
 pub struct IrradianceCache {
     records: Vec<Record>,
     grid: Grid,
+    /// A shorter way to the same, once no record is added any more.
+    tiles: Option<Tiles>,
 }
 
 impl IrradianceCache {

@@ -8,6 +8,7 @@ use crate::pipeline::Rendered;
 use crate::scene::SurfaceSource;
 use crate::stability::rooms::{self, Room, furnace, is_finite, mean, quick, radiance};
 use crate::stability::{Curve, Rows, Trouble, figure};
+use crate::world::walk::RayCounts;
 
 fn render(room: &Room, spp: u32) -> Result<Rendered, Trouble> {
     Ok(rooms::picture(room.scene()?, &quick(spp, 0.25))?)
@@ -116,9 +117,11 @@ pub fn nothing_to_see(rows: &mut Rows<'_>) -> Result<(), Trouble> {
             let warnings = rendered.world.scene().warnings.join("; ");
             rows.holds(name, "warned of", "a warning", warnings.clone(), !warnings.is_empty());
         }
-        if name == "no light" {
-            let told = format!("{} rays were cast: nothing is left out yet for want of a planner", rendered.counts.form_factor);
-            rows.not_covered(name, "no form factor is computed", &told);
+        if needs_warning {
+            let RayCounts { form_factor, shadow, gather, .. } = rendered.counts;
+            let told = format!("{form_factor} for form factors, {shadow} to lights, {gather} to gather");
+            let is_so = form_factor + shadow + gather == 0 && rendered.pass_one.is_none();
+            rows.holds(name, "no form factor is computed: the plan leaves out all but the camera's rays", "0 rays", told, is_so);
         }
     }
     Ok(())

@@ -1,0 +1,102 @@
+//! Camera and gather rays in scenes of flat walls that reflect diffusely and alike all over: what is left of Whitted's recursion and of the
+//! final gather where nothing else is needed. Same numbers as [`super::whitted`] and [`super::final_gather`], bit for bit; the laws of
+//! the plan hold both against each other.
+
+use super::final_gather::Gathered;
+use super::irradiance_cache::Gap;
+use super::whitted::{Path, Trace};
+use super::{ReadOut, TwoPass};
+use crate::film::Quantity;
+use crate::geometry::Ray;
+use crate::material::{Lambert, Scattering};
+use crate::math::{Frame, Rgb, Sampler};
+use crate::radiosity::RadiosityField;
+use crate::world::walk::RayCounts;
+use crate::world::{ShadowRay, Stages};
+
+impl<K: Stages> TwoPass<'_, K> {
+    /// Adds what arrives along a camera ray to the sample.
+    pub(super) fn plain_radiance(&self, ray: &Ray, path: Path, trace: &mut Trace<'_>) {
+        let limit = self.depth_limit();
+        if limit == 0 {
+            trace.counts.truncate(path.weight);
+            return;
+        }
+        let Some(met) = self.world.meet_flat::<K>(ray) else { return };
+        *trace.sample.layer(Quantity::Depth) += Rgb::grey(f64::from(met.t));
+        *trace.sample.layer(Quantity::Normal) += Rgb::from(met.normal.to_array());
+        let shape = &self.world.scene().shapes[met.shape as usize];
+        if met.front && shape.emits() {
+            *trace.sample.layer(Quantity::Direct) += shape.emitted(crate::math::Vec2::ZERO);
+        }
+        if !met.diffuse {
+            return;
+        }
+        let si = self.world.flat_interaction(&met);
+        let Some(field) = self.field.filter(|_| self.settings.read_out == ReadOut::FinalGather) else {
+            let shading = self.world.shading_by::<K>(&si);
+            self.local(&si, &shading, 0.0, &path, trace);
+            return;
+        };
+        let (rho, normal) = (met.rho, met.normal);
+        let reflect = |h: Rgb| RadiosityField::reflected_radiance(rho, h);
+        *trace.sample.layer(Quantity::Albedo) += rho;
+        let patch = field.patch_on_flat(&met);
+        let stored = patch.map_or(Rgb::BLACK, |patch| field.accepted_of(patch));
+        *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
+        *trace.sample.layer(Quantity::Irradiance) += patch.map_or(Rgb::BLACK, |patch| field.irradiance_of(patch));
+        if limit < 2 || rho.is_black() {
+            return;
+        }
+        if let Some(collect) = &mut trace.collect {
+            if !collect.cache.has(&si, normal) {
+                collect.gaps.push(Gap { si, pixel: collect.per_distance * (path.length + si.t) });
+            }
+            return;
+        }
+        let cached = self.cache.and_then(|cache| cache.read_on_flat::<K>(&met, si.point));
+        let lambert = Lambert { frame: Frame::new(normal), rho };
+        let respond = |ray: &ShadowRay| Scattering { diffuse: lambert.eval(ray.direction), glossy: Rgb::BLACK };
+        let sampling = self.settings.direct;
+        let direct = self.world.direct_by::<K>(&si, Some(normal), sampling, &mut trace.sampler, trace.counts, respond);
+        *trace.sample.layer(Quantity::Direct) += direct.diffuse;
+        match cached {
+            Some(found) => {
+                *trace.sample.layer(Quantity::Indirect) += reflect(found.reflected);
+                *trace.sample.layer(Quantity::Caustic) += reflect(found.emitted);
+            }
+            None => {
+                let shading = self.world.shading_by::<K>(&si);
+                self.gather(&si, &shading, path.weight, 0, self.gather_rays(rho), trace);
+            }
+        }
+    }
+
+    /// Radiance along one gather ray: as by [`super::final_gather`].
+    pub(super) fn plain_gathered(
+        &self,
+        ray: &Ray,
+        depth: u32,
+        levels: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Gathered {
+        let mut found = Gathered { reflected: Rgb::BLACK, emitted: Rgb::BLACK, distance: f32::INFINITY };
+        let Some(met) = self.world.meet_flat::<K>(ray) else { return found };
+        found.distance = met.t;
+        if met.front && self.world.partition().leaves_some() && !self.world.partition().found_by_shadow_rays(met.shape as usize) {
+            found.emitted = self.world.scene().shapes[met.shape as usize].emitted(crate::math::Vec2::ZERO);
+        }
+        if met.rho.is_black() || depth + 3 > self.settings.max_depth.unwrap_or(u32::MAX) {
+            return found;
+        }
+        let Some((field, patch)) = self.field.and_then(|field| Some((field, field.patch_on_flat(&met)?))) else { return found };
+        let stored = field.of_patch(patch, met.t);
+        found.reflected = if levels > 0 && stored.is_near {
+            self.near(&self.world.flat_interaction(&met), depth + 1, levels - 1, sampler, counts)
+        } else {
+            RadiosityField::reflected_radiance(met.rho, stored.irradiance)
+        };
+        found
+    }
+}
