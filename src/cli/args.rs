@@ -226,8 +226,9 @@ pub struct RenderArgs {
     /// without a shape are called light-1, light-2 ...
     #[arg(long, value_name = "ID=SCALE[,R,G,B]", value_parser = parse_light, requires = "solution")]
     pub light: Vec<LampWeight>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
+    /// Go on with the run that was interrupted or killed, of the same scene, flags and output, to the same picture as without the
+    /// interruption. Its state lies in OUT.resume, written at an interrupt and with --partial-every; limits may be raised
+    #[arg(long)]
     pub resume: bool,
 }
 
@@ -369,18 +370,10 @@ impl Args {
     pub fn not_delivered(&self) -> Option<String> {
         let common = &self.common;
         first_given(&[("--plan", common.plan.is_some())]).or_else(|| match self.command.as_ref()? {
-            Command::Render(args) => args.not_delivered(),
-            Command::Solve(_) | Command::Probe(_) | Command::FormFactors(_) => None,
+            Command::Render(_) | Command::Solve(_) | Command::Probe(_) | Command::FormFactors(_) => None,
             Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
             Command::Serve(_) => Some(later("the subcommand serve")),
         })
-    }
-}
-
-impl RenderArgs {
-    fn not_delivered(&self) -> Option<String> {
-        let given = [("--resume", self.resume)];
-        first_given(&given)
     }
 }
 
@@ -463,11 +456,7 @@ mod tests {
     #[test]
     fn what_comes_later_is_refused_and_named() {
         let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
-        for (line, name) in [
-            ("twopass render a.xml --plan full", "--plan"),
-            ("twopass render a.xml --resume", "--resume"),
-            ("twopass serve a.xml --port 80", "serve"),
-        ] {
+        for (line, name) in [("twopass render a.xml --plan full", "--plan"), ("twopass serve a.xml --port 80", "serve")] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
             assert!(message.contains(name), "{line}: {message}");
         }

@@ -194,6 +194,16 @@ impl FormFactorMatrix {
         self.closure.corrected_defect = (0..n).map(|i| (self.direct_sum(i) - target[i]).abs()).fold(0.0, f64::max);
     }
 
+    /// Replaces what is seen by way of specular surfaces: entries (j, F_ij) by rising patch for each row.
+    pub fn set_specular(&mut self, rows: &[Vec<(u32, Rgb)>]) {
+        (self.specular_start, self.specular_column, self.specular_factor) = (vec![0], Vec::new(), Vec::new());
+        for row in rows {
+            self.specular_column.extend(row.iter().map(|e| e.0));
+            self.specular_factor.extend(row.iter().map(|e| e.1.to_array().map(|v| v as f32)));
+            self.specular_start.push(self.specular_column.len());
+        }
+    }
+
     fn transposed(&self) -> Vec<Vec<(u32, f32)>> {
         let mut rows = vec![Vec::new(); self.len()];
         for i in 0..self.len() {

@@ -34,6 +34,10 @@ pub struct PassOneSettings {
     pub max_memory: Option<u64>,
     /// Form factors by way of mirrors, glass and gloss as well (extended ones, [Sillion89]).
     pub extended: bool,
+    /// Instead of these: by way of flat mirrors, so many in a row, as virtual rooms [Wallace87]. No kept
+    /// solution has them.
+    #[serde(skip)]
+    pub virtual_rooms: Option<u32>,
 }
 
 impl Default for PassOneSettings {
@@ -46,6 +50,7 @@ impl Default for PassOneSettings {
             form_factor_tolerance: form_factors.default_tolerance(),
             solver: SolverSettings::default(),
             extended: true,
+            virtual_rooms: None,
             by_light: false,
             max_memory: None,
         }
@@ -73,6 +78,7 @@ impl PassOneSettings {
             tolerance: self.form_factor_tolerance,
             shadow_rays: DIRECT_POINTS,
             extended: self.extended,
+            virtual_rooms: self.virtual_rooms,
             seed: mix(seed ^ 0x00f0_0f0f),
         }
     }

@@ -65,6 +65,8 @@ impl Prober<'_> {
             caustics: None,
             ambient: 0.0,
             below: None,
+            residual: None,
+            smooth: None,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);
         let found: Vec<(Probed, RayCounts)> = points

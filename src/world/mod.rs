@@ -4,6 +4,7 @@ pub mod departure;
 pub mod illumination;
 pub mod interaction;
 pub mod partition;
+pub mod plane_mirrors;
 pub mod shading;
 pub mod sight;
 mod sky_guide;

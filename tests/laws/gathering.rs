@@ -46,7 +46,17 @@ fn what_is_read_between_records_is_the_irradiance_there() {
         seed: 1,
         sampler: SamplerKind::Sobol,
     };
-    let tracer = TwoPass { world: &world, field: None, settings, cache: None, caustics: None, ambient: 0.0, below: None };
+    let tracer = TwoPass {
+        world: &world,
+        field: None,
+        settings,
+        cache: None,
+        caustics: None,
+        ambient: 0.0,
+        below: None,
+        residual: None,
+        smooth: None,
+    };
     let fill =
         FillSettings { rays: 4096, accuracy: 0.25, closest: 2.0, farthest: 16.0, spacing: 1, most_rays: u64::MAX, seed: 5 };
     let cache = tracer.fill(&Frame::whole(32, 32), &fill, &mut RayCounts::default());

@@ -110,6 +110,8 @@ fn summary(run_report: &RunReport) -> String {
         lines.push(("solver", solver.method.clone()));
         lines.push(("sweeps", solver.sweeps.to_string()));
         lines.push(("error_bound", short(solver.error_bound)));
+        lines.push(("condition", short(solver.condition)));
+        lines.push(("closure_influence", short(solver.closure_influence)));
         lines.push(("converged", solver.converged.to_string()));
     }
     if let Some(power) = &run_report.power {
