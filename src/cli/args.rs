@@ -132,9 +132,10 @@ pub struct PassOneArgs {
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
     /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links
-    /// between groups of patches)
-    #[arg(long, value_name = "METHOD", default_value = "ray-cast", value_parser = parse_form_factors, help_heading = "Pass one")]
-    pub form_factors: FormFactorMethod,
+    /// between groups of patches). Default: ray-cast; `solve` takes hierarchical for more than 3000 elements, unless a
+    /// tolerance is given
+    #[arg(long, value_name = "METHOD", value_parser = parse_form_factors, help_heading = "Pass one")]
+    pub form_factors: Option<FormFactorMethod>,
     /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); hierarchical, its bound
     /// (default 0.001); others, its standard error (default 0.0221)
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
@@ -383,7 +384,7 @@ impl PassOneArgs {
             ("--patch-size", self.patch_size.is_some()),
             ("--tolerance", self.tolerance.is_some()),
             ("--solver-tolerance", self.solver_tolerance.is_some()),
-            ("--form-factors", self.form_factors != FormFactorMethod::default()),
+            ("--form-factors", self.form_factors.is_some()),
             ("--solver", self.solver != Solver::default()),
         ];
         flags.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()

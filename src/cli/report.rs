@@ -37,7 +37,7 @@ pub fn set(report: &mut RunReport, name: &str, value: impl Into<Value>) {
 
 /// Adds the flags of pass one.
 pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
-    set(report, "form_factors", args.form_factors.name());
+    set(report, "form_factors", args.form_factors.unwrap_or_default().name());
     set(report, "solver", args.solver.name());
     for (name, value) in
         [("patch_size", args.patch_size), ("tolerance", args.tolerance), ("solver_tolerance", args.solver_tolerance)]

@@ -92,7 +92,7 @@ impl Frame {
 
 /// A method at work: adds passes of one sample per pixel. Never loops over time, prints or saves.
 pub trait Integrator: Sync {
-    /// The samples of pass `index` for all pixels of `frame`, and the rays they cost.
+    /// What pass `index` finds in all pixels of `frame`, one sample in the mean, and the rays it costs.
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
 
     /// What the passes to come depend on besides scene, settings and their index, as bytes that another process can go on from. What can
@@ -132,17 +132,33 @@ struct Start {
 }
 
 /// Where the sample of pass `pass` of rendered pixel `pixel` starts.
+fn camera_start(world: &World, settings: &IntegratorSettings, frame: &Frame, pass: u32, pixel: usize) -> Start {
+    start_in_half(world, settings, frame, pass % 2, pass / 2, pixel)
+}
+
+/// Where sample `index` of one half of the film of rendered pixel `pixel` starts.
 ///
 /// The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
-fn camera_start(world: &World, settings: &IntegratorSettings, frame: &Frame, pass: u32, pixel: usize) -> Start {
-    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
-    let index = u64::from(pass / 2);
+fn start_in_half(world: &World, settings: &IntegratorSettings, frame: &Frame, half: u32, index: u32, pixel: usize) -> Start {
+    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(half)));
+    let index = u64::from(index);
     let (x, y) = frame.pixel(pixel);
     let key = (y * frame.width + x) as u64;
     let mut sampler = Sampler::of(settings.sampler, seed, key, index);
     let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
     let ray = world.scene().camera.ray(film_point, frame.width, frame.height);
     Start { ray, sampler, seed, key, index }
+}
+
+/// Which samples a pass takes.
+#[derive(Clone, Copy)]
+pub struct PassPlan<'a> {
+    /// Half of the film that it belongs to.
+    pub half: u32,
+    /// Samples of that half so far, by pixel.
+    pub taken: &'a [u32],
+    /// Samples to be taken, by pixel.
+    pub wanted: &'a [u32],
 }
 
 /// Pass `pass` over all pixels of `frame`: one camera sample each, traced by `trace`.
@@ -153,7 +169,34 @@ fn each_pixel(
     pass: u32,
     trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
 ) -> (Vec<PixelSample>, RayCounts) {
-    let mut samples = vec![PixelSample::default(); frame.n_pixels()];
+    by_rows(frame, |pixel, counts| {
+        counts.camera += 1;
+        trace(camera_start(world, settings, frame, pass, pixel), counts)
+    })
+}
+
+/// A pass of as many camera samples a pixel as `plan` says.
+fn each_planned(
+    world: &World,
+    settings: &IntegratorSettings,
+    frame: &Frame,
+    plan: PassPlan<'_>,
+    trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
+) -> (Vec<PixelSample>, RayCounts) {
+    by_rows(frame, |pixel, counts| {
+        let mut sum = PixelSample::NONE;
+        for k in 0..plan.wanted[pixel] {
+            counts.camera += 1;
+            let index = plan.taken[pixel] + k;
+            sum.add(&trace(start_in_half(world, settings, frame, plan.half, index, pixel), counts));
+        }
+        sum
+    })
+}
+
+/// All pixels, row by row.
+fn by_rows(frame: &Frame, pixel: impl Fn(usize, &mut RayCounts) -> PixelSample + Sync) -> (Vec<PixelSample>, RayCounts) {
+    let mut samples = vec![PixelSample::NONE; frame.n_pixels()];
     let row = frame.crop[2].max(1);
     let counts = samples
         .par_chunks_mut(row)
@@ -161,8 +204,7 @@ fn each_pixel(
         .map(|(y, samples)| {
             let mut counts = RayCounts::default();
             for (x, sample) in samples.iter_mut().enumerate() {
-                counts.camera += 1;
-                *sample = trace(camera_start(world, settings, frame, pass, y * row + x), &mut counts);
+                *sample = pixel(y * row + x, &mut counts);
             }
             counts
         })

@@ -1,5 +1,6 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
+mod allocation;
 pub mod checkpoint;
 pub mod cost;
 pub mod direct;

@@ -5,6 +5,7 @@
 //! times as fine, replaces the old one as soon as it costs no more than a share of what has been done. All is decided by
 //! counted rays, never by the clock, so that pictures are the same on any machine.
 
+use super::allocation::Allocation;
 use super::cost::StageCosts;
 use super::{PassOne, PassOneSettings, RenderSettings, pass_one};
 use crate::film::PixelSample;
@@ -31,8 +32,13 @@ const MOST_ELEMENTS: f64 = 65536.0;
 const PASS_ONE_SHARE: f64 = 0.35;
 /// Passes of the first round: one for each half.
 const FIRST_PASSES: u32 = 2;
-/// Gather rays of the caches of a round for each camera sample of that round.
-const FILL_SHARE: f64 = 1.0;
+/// Gather rays of the caches of the first two rounds for each camera sample of them; after that, by what is known of the errors.
+const FIRST_FILL: f64 = 1.0;
+/// Fewest and most gather rays of a round for each camera sample.
+const FILL: [f64; 2] = [0.5, 4.0];
+/// Weight of a cache's error beside that of camera samples: what costs a gather ray costs half a camera sample; a cache has a bias besides
+/// the noise that shows; and the error of camera samples falls faster than their number grows.
+const CACHE_WEIGHT: f64 = 12.0;
 /// Rays of a record in the first round; they grow by the fourth root of two from round to round: what a round has more goes into more
 /// records rather than better ones, since what is left of the error is mostly that of interpolation.
 const FIRST_RAYS: f64 = 64.0;
@@ -60,7 +66,7 @@ const LEAST_CLOSEST: f64 = 0.25;
 /// Most rays of a record.
 const MOST_RAYS: f64 = 4096.0;
 /// Farthest records in pixels.
-const FARTHEST: f64 = 32.0;
+const FARTHEST: f64 = 20.0;
 
 /// What a run goes on from: caches and solutions are made again from it.
 #[derive(Serialize, Deserialize)]
@@ -74,6 +80,8 @@ struct State {
     made: [Option<usize>; 2],
     accuracy: f64,
     memory: u64,
+    fill: f64,
+    spent: [f64; 2],
     counts: RayCounts,
 }
 
@@ -98,6 +106,11 @@ pub(super) struct Progressive<'a> {
     accuracy: f64,
     /// Bytes that the records of one half may take, and its particles as much again.
     memory: u64,
+    /// Gather rays of this round for each camera sample.
+    fill: f64,
+    /// Camera samples a pixel and gather rays of caches so far, a pixel.
+    spent: [f64; 2],
+    allocation: Option<Allocation>,
     costs: StageCosts,
     /// Rays so far, pass one included.
     pub counts: RayCounts,
@@ -141,6 +154,9 @@ impl<'a> Progressive<'a> {
             caustics: [None, None],
             accuracy: FIRST_ACCURACY,
             memory: render.pass_one.max_memory.map_or(u64::MAX, |all| all / MEMORY_PARTS),
+            fill: FIRST_FILL,
+            spent: [0.0; 2],
+            allocation: None,
             costs: StageCosts::default(),
             counts,
         }
@@ -157,6 +173,14 @@ impl<'a> Progressive<'a> {
         self.round_end += FIRST_PASSES << self.round.min(24);
         let made = self.made.into_iter().flatten().max();
         (self.caches, self.made) = ([None, None], [None; 2]);
+        if let Some(allocation) = &mut self.allocation {
+            allocation.refine();
+            // Least of own/samples + shared/rays for a given samples + rays, each error falling with the effort that went into it.
+            let [samples, rays] = self.spent;
+            let fill =
+                if self.round < 2 { FIRST_FILL } else { (CACHE_WEIGHT * allocation.shared_over_own() * rays / samples).sqrt() };
+            self.fill = fill.clamp(FILL[0], FILL[1]);
+        }
         // As many records as the next budget has rays for: their number goes with the inverse square of the reach. A cache that ran
         // out of rays keeps its reach, and the next one gets farther with it.
         if let Some(made) = made {
@@ -209,13 +233,13 @@ impl<'a> Progressive<'a> {
     }
 
     fn rays_per_record(&self) -> f64 {
-        (FIRST_RAYS * self.finer().sqrt()).min(MOST_RAYS)
+        (FIRST_RAYS * self.finer().sqrt() * self.fill).min(MOST_RAYS)
     }
 
     /// Rays that the cache of one half may cost in this round.
     fn most_rays(&self, frame: &Frame) -> u64 {
         let passes = f64::from(FIRST_PASSES) * 2.0_f64.powi(self.round.min(40) as i32);
-        let wanted = 0.5 * FILL_SHARE * passes * frame.n_pixels() as f64;
+        let wanted = 0.5 * self.fill * passes * frame.n_pixels() as f64;
         let most_records = (self.memory / RECORD_BYTES).max(1) as f64;
         wanted.min(most_records * self.rays_per_record()) as u64
     }
@@ -272,12 +296,18 @@ impl Integrator for Progressive<'_> {
             // Looking for places cuts paths as well, but none of a camera sample.
             (counts.truncated, counts.truncated_weight) = (0, 0);
             // One that an earlier process made is the same once more, and was counted there.
-            if self.made[half].replace(cache.len()).is_some() {
-                counts = RayCounts::default();
+            match self.made[half].replace(cache.len()) {
+                Some(_) => counts = RayCounts::default(),
+                None => self.spent[1] += counts.gather as f64 / frame.n_pixels() as f64,
             }
             self.caches[half] = Some(cache);
         }
-        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).pass(frame, index);
+        let mut allocation = self.allocation.take().unwrap_or_else(|| Allocation::new(frame, self.seed));
+        let plan = allocation.next(half);
+        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).planned_pass(frame, plan);
+        allocation.add(half, &samples);
+        self.allocation = Some(allocation);
+        self.spent[0] += 1.0;
         counts += of_pass;
         self.counts += counts;
         (samples, counts)
@@ -295,19 +325,22 @@ impl Integrator for Progressive<'_> {
             made: self.made,
             accuracy: self.accuracy,
             memory: self.memory,
+            fill: self.fill,
+            spent: self.spent,
             counts: self.counts,
         };
-        encode_state(&state)
+        encode_state(&(state, &self.allocation))
     }
 
     fn take_up(&mut self, state: &[u8]) -> bool {
-        let Ok(state) = postcard::from_bytes::<State>(state) else { return false };
+        let Ok((state, allocation)) = postcard::from_bytes::<(State, Option<Allocation>)>(state) else { return false };
         let mut settings = self.pass_one_settings;
         (settings.patches.elements, settings.form_factor_tolerance) = (state.elements, state.form_factor_tolerance);
         let is_there = settings == self.pass_one_settings || self.replace_pass_one(settings, &mut RayCounts::default());
         (self.refines, self.pass_one_rays) = (state.refines, state.pass_one_rays);
         (self.round, self.round_end, self.made, self.accuracy) = (state.round, state.round_end, state.made, state.accuracy);
         (self.memory, self.counts) = (state.memory, state.counts);
+        (self.fill, self.spent, self.allocation) = (state.fill, state.spent, allocation);
         is_there
     }
 }

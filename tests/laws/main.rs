@@ -21,6 +21,7 @@ mod invariance;
 mod lamps;
 mod light;
 mod light_guide;
+mod links;
 mod loading;
 mod loading_gltf;
 mod loading_materials;

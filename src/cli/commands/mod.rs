@@ -34,8 +34,8 @@ pub fn list_methods() -> Result<(), Failure> {
 fn pass_one_settings(args: &PassOneArgs) -> PassOneSettings {
     let mut settings = PassOneSettings::default();
     settings.patches.patch_size = args.patch_size;
-    settings.form_factors = args.form_factors;
-    settings.form_factor_tolerance = args.tolerance.unwrap_or(args.form_factors.default_tolerance());
+    settings.form_factors = args.form_factors.unwrap_or_default();
+    settings.form_factor_tolerance = args.tolerance.unwrap_or(settings.form_factors.default_tolerance());
     settings.solver.solver = args.solver;
     settings.solver.tolerance = args.solver_tolerance.unwrap_or(settings.solver.tolerance);
     settings
