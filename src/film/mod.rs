@@ -164,7 +164,8 @@ impl Film {
         self.passes[0] + self.passes[1]
     }
 
-    /// Samples that were not finite, or negative where they must not be, and the first pixel that had one. They are left out of the sums and never hidden.
+    /// Samples that were not finite, or negative where they must not be, and the first pixel that had one. They are left out of the sums
+    /// and never hidden.
     pub fn bad_samples(&self) -> (u64, Option<usize>) {
         (self.non_finite, self.first_non_finite)
     }

@@ -121,7 +121,7 @@ pub fn duplicates(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         "warned of: its area would count twice",
         "a warning",
         told.clone(),
-        told.contains("repeats"),
+        told.contains("repeat those of shape"),
     );
     let got = mean(&image(&twice, &settings())?);
     rows.value("the floor as two shapes", "no shadow of itself: the mean of the picture stays", mean(&reference), got, 2e-3);
