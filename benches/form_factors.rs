@@ -252,8 +252,14 @@ fn obstructed(reference: Option<&Path>) {
     );
     let exact = reference.map(|path| read(path, n));
     for tolerance in [1e-2, 3e-3, 1e-3, 3e-4, 1e-4] {
-        let settings =
-            FormFactorSettings { method: FormFactorMethod::Analytic, tolerance, shadow_rays: 32.0, extended: true, seed: 1 };
+        let settings = FormFactorSettings {
+            method: FormFactorMethod::Analytic,
+            tolerance,
+            shadow_rays: 32.0,
+            extended: true,
+            virtual_rooms: None,
+            seed: 1,
+        };
         let start = process_cpu_seconds();
         let rows = analytic(&world, &patches, &settings, &mut silent).expect("not stopped");
         let seconds = process_cpu_seconds() - start;

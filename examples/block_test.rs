@@ -39,7 +39,7 @@ fn main() -> Result<ExitCode, Box<dyn std::error::Error>> {
         let budget = Budget { spp: Some(spp), ..Budget::default() };
         let settings = RenderSettings { method, sampler, seed, budget, ..RenderSettings::default() };
         images.push(
-            render(scene.clone(), &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {})?.film.image(),
+            render(scene.clone(), &settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _, _| {})?.film.image(),
         );
     }
     let test = block_test(&images, &Reference { halves: [&a, &b], variance: &variance, passes })?;

@@ -150,9 +150,10 @@ pub struct PassOneArgs {
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
     /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links
-    /// between groups of patches)
-    #[arg(long, value_name = "METHOD", default_value = "ray-cast", value_parser = parse_form_factors, help_heading = "Pass one")]
-    pub form_factors: FormFactorMethod,
+    /// between groups of patches). Default: ray-cast; `solve` takes hierarchical for more than 3000 elements, unless a
+    /// tolerance is given
+    #[arg(long, value_name = "METHOD", value_parser = parse_form_factors, help_heading = "Pass one")]
+    pub form_factors: Option<FormFactorMethod>,
     /// Error allowed to a form factor: analytic, relative to the unobstructed one (default 0.001); hierarchical, its bound
     /// (default 0.001); others, its standard error (default 0.0221)
     #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
@@ -243,8 +244,9 @@ pub struct RenderArgs {
     /// without a shape are called light-1, light-2 ...
     #[arg(long, value_name = "ID=SCALE[,R,G,B]", value_parser = parse_light, requires = "solution")]
     pub light: Vec<LampWeight>,
-    /// Not delivered yet
-    #[arg(long, hide = true)]
+    /// Go on with the run that was interrupted or killed, of the same scene, flags and output, to the same picture as without the
+    /// interruption. Its state lies in OUT.resume, written at an interrupt and with --partial-every; limits may be raised
+    #[arg(long)]
     pub resume: bool,
 }
 
@@ -385,18 +387,10 @@ impl Args {
     /// What was asked for that this version does not do yet or does not know: a sentence for the user.
     pub fn not_delivered(&self) -> Option<String> {
         match self.command.as_ref()? {
-            Command::Render(args) => args.not_delivered(),
-            Command::Solve(_) | Command::Probe(_) | Command::FormFactors(_) => None,
+            Command::Render(_) | Command::Solve(_) | Command::Probe(_) | Command::FormFactors(_) => None,
             Command::Info(_) | Command::Compare(_) | Command::Experiment(_) | Command::Stability(_) => None,
             Command::Serve(_) => Some(later("the subcommand serve")),
         }
-    }
-}
-
-impl RenderArgs {
-    fn not_delivered(&self) -> Option<String> {
-        let given = [("--resume", self.resume)];
-        first_given(&given)
     }
 }
 
@@ -407,15 +401,11 @@ impl PassOneArgs {
             ("--patch-size", self.patch_size.is_some()),
             ("--tolerance", self.tolerance.is_some()),
             ("--solver-tolerance", self.solver_tolerance.is_some()),
-            ("--form-factors", self.form_factors != FormFactorMethod::default()),
+            ("--form-factors", self.form_factors.is_some()),
             ("--solver", self.solver != Solver::default()),
         ];
         flags.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
     }
-}
-
-fn first_given(flags: &[(&str, bool)]) -> Option<String> {
-    flags.iter().find(|(_, given)| *given).map(|(name, _)| later(name))
 }
 
 fn later(name: &str) -> String {
@@ -479,7 +469,7 @@ mod tests {
     #[test]
     fn what_comes_later_is_refused_and_named() {
         let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
-        for (line, name) in [("twopass render a.xml --resume", "--resume"), ("twopass serve a.xml --port 80", "serve")] {
+        for (line, name) in [("twopass serve a.xml --port 80", "serve")] {
             let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
             assert!(message.contains(name), "{line}: {message}");
         }

@@ -12,9 +12,9 @@ use twopass::film::guard::in_guarded_decoder;
 use twopass::film::io::{ReadError, ReadErrorKind, WriteError};
 use twopass::load::{Fault, LoadError, Position};
 use twopass::metrics::MetricsError;
-use twopass::pipeline::PipelineError;
 use twopass::pipeline::direct::WeightError;
 use twopass::pipeline::solution_file::SolutionFileError;
+use twopass::pipeline::{CheckpointError, PipelineError};
 
 /// Exit code of a fault in this program.
 pub const INTERNAL: u8 = 1;
@@ -63,6 +63,9 @@ pub enum Failure {
     /// A kept solution that cannot be used.
     #[error(transparent)]
     Solution(#[from] SolutionFileError),
+    /// An unfinished run that cannot be continued.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// A light that cannot be weighted.
     #[error("--light: {0}")]
     Weight(#[from] WeightError),
@@ -125,7 +128,7 @@ impl Failure {
     pub fn code(&self) -> u8 {
         match self {
             Failure::Usage(_) | Failure::Weight(_) => USAGE,
-            Failure::Solution(_) => INPUT,
+            Failure::Solution(_) | Failure::Checkpoint(_) => INPUT,
             Failure::Load(error) => match error.kind.fault() {
                 Fault::Usage => USAGE,
                 Fault::Invalid => INPUT,
@@ -140,8 +143,10 @@ impl Failure {
                 PipelineError::Accel(_)
                 | PipelineError::Crop(..)
                 | PipelineError::NoFirstPass(_)
-                | PipelineError::OneReadOut(_) => USAGE,
+                | PipelineError::OneReadOut(_)
+                | PipelineError::NoVirtualRooms => USAGE,
                 PipelineError::Solve(_) => CHECK,
+                PipelineError::Unfinished(_) => INPUT,
                 PipelineError::Stopped => INTERNAL,
             },
             Failure::Write(_) | Failure::Stdout(_) => OUTPUT,

@@ -1,6 +1,6 @@
 //! Flags of single methods. A method that does not know a flag does not look at it.
 
-use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_share, parse_whole};
+use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_reflections, parse_share, parse_whole};
 use twopass::integrator::PathFilter;
 use twopass::integrator::bidirectional::Heuristic;
 
@@ -10,6 +10,9 @@ pub struct MethodArgs {
     /// whitted-only: radiance that stands for all light between surfaces, irradiance over pi [W/(m² sr)]; default: 0
     #[arg(long, value_name = "L", value_parser = parse_from_zero, allow_hyphen_values = true, help_heading = "Single methods")]
     pub ambient: Option<f64>,
+    /// two-pass-planar: most mirrors in a row, 8 at most; default: 2
+    #[arg(long, value_name = "N", value_parser = parse_reflections, allow_negative_numbers = true, help_heading = "Single methods")]
+    pub reflections: Option<u32>,
     /// bidirectional: how the ways to make a path share it: power (the default), balance
     #[arg(long, value_name = "NAME", value_parser = parse_heuristic, help_heading = "Single methods")]
     pub heuristic: Option<Heuristic>,
@@ -31,7 +34,7 @@ pub struct MethodArgs {
     /// metropolis: probability of a large step; default: 0.1
     #[arg(long, value_name = "P", value_parser = parse_share, allow_hyphen_values = true, help_heading = "Single methods")]
     pub large_steps: Option<f64>,
-    /// path: only light paths that match, such as LS+DE: L lamp, D diffuse or rough, S ideal mirror or glass, E eye
+    /// path: only light paths that match, such as LS+DE: L lamp, D diffuse or rough, S ideal mirror or glass, M a flat mirror, E eye
     #[arg(long, value_name = "REGEX", value_parser = PathFilter::new, allow_hyphen_values = true, help_heading = "Single methods")]
     pub paths: Option<PathFilter>,
 }

@@ -16,6 +16,9 @@ use twopass::world::walk::RayCounts;
 /// Relative error of radiosities, by rows that do not close, above which it is worth a warning.
 const CLOSURE_INFLUENCE: f64 = 0.01;
 
+/// Share of the surface that is given twice above which it is worth a warning.
+const GIVEN_TWICE: f64 = 1e-4;
+
 /// A report that knows the scene and the flags.
 pub fn begin(common: &Common, loaded: &LoadedScene, method: &str, loading: Elapsed) -> RunReport {
     let mut report = RunReport::new(&loaded.scene.name, loaded.hash, method);
@@ -36,7 +39,7 @@ pub fn set(report: &mut RunReport, name: &str, value: impl Into<Value>) {
 
 /// Adds the flags of pass one.
 pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
-    set(report, "form_factors", args.form_factors.name());
+    set(report, "form_factors", args.form_factors.unwrap_or_default().name());
     set(report, "solver", args.solver.name());
     for (name, value) in
         [("patch_size", args.patch_size), ("tolerance", args.tolerance), ("solver_tolerance", args.solver_tolerance)]
@@ -105,9 +108,16 @@ pub fn add_pass_one(common: &Common, report: &mut RunReport, pass_one: &PassOne)
         method: pass_one.solution.solver.name().to_owned(),
         sweeps: pass_one.solution.sweeps.into(),
         error_bound: pass_one.solution.error_bound,
+        // 1/(1 - r) is the amplification.
+        condition: 2.0 * pass_one.solution.amplification - 1.0,
+        closure_influence: closure_influence(raw.corrected_defect, pass_one.solution.amplification),
         converged: pass_one.solution.converged,
     });
-    if let Some(warning) = closure_warning(pass_one) {
+    if let Some(warning) = closure_warning(raw.corrected_defect, pass_one.solution.amplification) {
+        say(common, &format!("warning: {warning}"));
+        report.warnings.push(warning);
+    }
+    if let Some(warning) = twice_warning(pass_one) {
         say(common, &format!("warning: {warning}"));
         report.warnings.push(warning);
     }
@@ -121,11 +131,28 @@ pub fn add_pass_one(common: &Common, report: &mut RunReport, pass_one: &PassOne)
     });
 }
 
+/// A warning if surfaces lie in the same place.
+fn twice_warning(pass_one: &PassOne) -> Option<String> {
+    let patches = &pass_one.field.patches;
+    let share = patches.given_twice / patches.area.iter().sum::<f64>();
+    (share > GIVEN_TWICE).then(|| {
+        format!(
+            "{:.3e} of the surface lies in the same place as other surfaces that hide it: it is left out of pass one; move one of them, \
+             or give each surface once",
+            share
+        )
+    })
+}
+
+/// Relative error of radiosities by rows that are off by `defect`: the light of all reflections but the first looks through them.
+fn closure_influence(defect: f64, amplification: f64) -> f64 {
+    defect * (amplification - 1.0)
+}
+
 /// A warning if rows that do not close may count much: one that is off by delta counts delta rho/(1 - rho) times in a bright room.
-fn closure_warning(pass_one: &PassOne) -> Option<String> {
-    let defect = pass_one.form_factors.closure().corrected_defect;
-    let amplified = pass_one.solution.amplification - 1.0;
-    let influence = defect * amplified;
+fn closure_warning(defect: f64, amplification: f64) -> Option<String> {
+    let amplified = amplification - 1.0;
+    let influence = closure_influence(defect, amplification);
     (influence > CLOSURE_INFLUENCE).then(|| {
         format!(
             "rows of form factors could be closed to within {defect:.1e} only, which interreflection may amplify {amplified:.0} times: \
@@ -209,4 +236,20 @@ pub fn no_result(common: &Common, report: &mut RunReport, interrupt: &Interrupt,
 
 fn interrupted(signal: Signal, kept: &str) -> Failure {
     Failure::Interrupted { signal, kept: kept.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A row that is off by delta counts delta rho/(1 - rho) times: 1 % in the light from 1.0e-5 on at rho = 0.999, from 1.1e-3 at 0.9.
+    #[test]
+    fn rows_that_do_not_close_are_warned_of_where_they_count() {
+        for (rho, limit) in [(0.9, 1.1e-3), (0.99, 1.0e-4), (0.999, 1.0e-5), (0.999_999, 1.0e-8)] {
+            let amplification = 1.0 / (1.0 - rho);
+            assert!(closure_warning(0.9 * limit, amplification).is_none(), "rho {rho}: warned of too early");
+            let warning = closure_warning(1.1 * limit, amplification).unwrap_or_else(|| panic!("rho {rho}: not warned of"));
+            assert!(warning.contains("1.1 %"), "{warning}");
+        }
+    }
 }

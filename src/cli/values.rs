@@ -1,5 +1,6 @@
 //! Values of flags: text to number, with a message that says what was expected.
 
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use std::str::FromStr;
 use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::bidirectional::Heuristic;
@@ -87,6 +88,12 @@ pub fn parse_positive(text: &str) -> Result<f64, String> {
     parse_finite(text).ok().filter(|v| *v > 0.0).ok_or_else(|| "expected a number above 0".to_owned())
 }
 
+/// Parses how many mirrors a way may pass in a row.
+pub fn parse_reflections(text: &str) -> Result<u32, String> {
+    let most = 1..=8;
+    text.parse().ok().filter(|n| most.contains(n)).ok_or_else(|| "expected a whole number from 1 to 8".to_owned())
+}
+
 /// Parses a number above 0 and up to 1.
 pub fn parse_share(text: &str) -> Result<f64, String> {
     parse_positive(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "expected a number above 0, 1 at most".to_owned())
@@ -122,6 +129,18 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
 
 /// Bytes of memory that this machine has, as far as it tells.
 pub fn physical_memory() -> Option<u64> {
+    [installed_memory(), address_space_left()].into_iter().flatten().min()
+}
+
+/// What a limit on the address space (`ulimit -v`) leaves to this process [bytes].
+fn address_space_left() -> Option<u64> {
+    let (limit, _) = getrlimit(Resource::RLIMIT_AS).ok()?;
+    let taken = std::fs::read_to_string("/proc/self/statm").ok()?;
+    let pages: u64 = taken.split(' ').next()?.parse().ok()?;
+    (limit != RLIM_INFINITY).then(|| limit.saturating_sub(4096 * pages))
+}
+
+fn installed_memory() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)

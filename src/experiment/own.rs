@@ -82,6 +82,7 @@ pub fn measure(row: &mut Row, report: &RunReport) {
     row.tree_cpu_s = cpu(of(&|name| name == "tree"));
     row.pass_one_cpu_s = cpu(of(&|name| !NOT_PASS_ONE.contains(&name)));
     row.solve_cpu_s = cpu(of(&|name| name == "solve"));
+    row.products = report.solver.as_ref().map(|solver| solver.sweeps);
     row.pass_two_cpu_s = cpu(of(&|name| name == "render"));
     row.spp = report.samples_per_pixel;
     let is_ray = |name: &&String| name.ends_with("_rays") && *name != "truncated_rays";

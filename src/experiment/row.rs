@@ -68,6 +68,9 @@ pub struct Row {
     /// CPU seconds of the solver within pass one; empty if there is none.
     #[serde(default)]
     pub solve_cpu_s: Option<f64>,
+    /// Products with the form factors, or sweeps over them, that the solver took; empty if there is none.
+    #[serde(default)]
+    pub products: Option<u64>,
     /// CPU seconds of pass two.
     pub pass_two_cpu_s: Option<f64>,
     /// Rays of all kinds; empty if the method does not tell.
@@ -137,6 +140,9 @@ pub struct Outcome {
     pub title: String,
     /// The plan as it was read, in TOML.
     pub plan: String,
+    /// The clock that the page shows first, by its name there; empty: CPU time.
+    #[serde(default)]
+    pub clock: String,
     /// Machine and versions by name: CPU model, cores, threads used, operating system, version and commit of the program, date ...
     pub environment: BTreeMap<String, String>,
     /// Scenes in the order of the plan.

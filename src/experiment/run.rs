@@ -120,6 +120,7 @@ pub fn run(experiment: &Experiment<'_>, listen: &mut dyn FnMut(&Event<'_>)) -> R
     let outcome = Outcome {
         title: plan.title.clone(),
         plan: plan.text.clone(),
+        clock: plan.clock.clone(),
         environment: environment::describe(plan.threads),
         scenes: scenes.iter().map(|s| s.record.clone()).collect(),
         methods: plan.methods.iter().map(|m| (m.name.clone(), m.about.clone())).collect(),

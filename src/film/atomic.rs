@@ -2,6 +2,7 @@
 //!
 //! Whenever the process or the machine dies, the target is the old file or the new one, never a mix of both.
 
+use super::lock::{TEMPORARY_SUFFIX, temporary_prefix};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -29,6 +30,9 @@ pub enum WriteErrorKind {
     /// The operating system refused.
     #[error("cannot be written: {0}")]
     Io(io::Error),
+    /// Another run writes it.
+    #[error("is being written by another run; give another name with -o, or wait for that run")]
+    Busy,
     /// The contents cannot be expressed in the format.
     #[error("cannot be encoded: {0}")]
     Encode(String),
@@ -103,17 +107,16 @@ fn temporary_beside(target: &Path) -> Result<tempfile::NamedTempFile, WriteError
     if !folder.is_dir() {
         return Err(WriteErrorKind::NoFolder(folder.to_owned()));
     }
-    let name = target.file_name().unwrap_or_default().to_string_lossy();
     let mut builder = tempfile::Builder::new();
-    let prefix = format!(".{name}.");
-    builder.prefix(&prefix).suffix(".tmp");
+    let prefix = temporary_prefix(target);
+    builder.prefix(&prefix).suffix(TEMPORARY_SUFFIX);
     // As an ordinary new file: the user's umask applies.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     Ok(builder.tempfile_in(folder)?)
 }
 
-fn folder_of(path: &Path) -> &Path {
+pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -121,7 +124,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// True for devices, pipes and sockets.
-fn is_special(path: &Path) -> bool {
+pub(super) fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir())
 }
 

@@ -7,6 +7,7 @@ pub mod guard;
 pub mod image;
 pub mod io;
 pub mod layer;
+pub mod lock;
 mod mask;
 pub mod tone_map;
 
@@ -15,9 +16,10 @@ pub use layer::{Layer, LayerData, Plane};
 pub use mask::Mask;
 
 use crate::math::Rgb;
+use serde::{Deserialize, Serialize};
 
 /// What a picture is recorded in, besides the radiance itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Quantity {
     /// Light that has met no diffuse surface but the one seen, found by shadow rays, and light seen at once.
     Direct,
@@ -65,12 +67,21 @@ impl Quantity {
     }
 }
 
-/// What one camera sample found. Layers are weighted sums over the branches of the recursion; the radiance is the sum of direct,
-/// indirect and caustic.
-#[derive(Debug, Clone, Copy, Default)]
+/// What a pass found in a pixel: one camera sample, or the sum of several, or none. Layers are weighted sums over the branches of the
+/// recursion; the radiance is the sum of direct, indirect and caustic.
+#[derive(Debug, Clone, Copy)]
 pub struct PixelSample {
     /// One value per layer, in the order of [`Quantity::ALL`].
     pub layers: [Rgb; Quantity::ALL.len()],
+    /// Number of camera samples.
+    pub n: u32,
+}
+
+impl Default for PixelSample {
+    /// One sample of nothing.
+    fn default() -> Self {
+        Self { layers: [Rgb::BLACK; Quantity::ALL.len()], n: 1 }
+    }
 }
 
 impl PixelSample {
@@ -80,7 +91,17 @@ impl PixelSample {
         &mut self.layers[layer as usize]
     }
 
-    /// Radiance [W/(m² sr)].
+    /// No sample.
+    pub const NONE: Self = Self { layers: [Rgb::BLACK; Quantity::ALL.len()], n: 0 };
+
+    /// Takes the samples of another in.
+    #[inline]
+    pub fn add(&mut self, other: &PixelSample) {
+        self.layers.iter_mut().zip(&other.layers).for_each(|(sum, value)| *sum += *value);
+        self.n += other.n;
+    }
+
+    /// Radiance [W/(m² sr)], summed over its samples.
     #[inline]
     pub fn radiance(&self) -> Rgb {
         self.layers[Quantity::Direct as usize]
@@ -90,13 +111,17 @@ impl PixelSample {
 }
 
 /// Sums of samples per pixel, in f64: the radiance in two independent halves, and the layers.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Film {
     width: usize,
     height: usize,
     halves: [Vec<Rgb>; 2],
     layers: Vec<[Rgb; Quantity::ALL.len()]>,
+    /// Samples taken, by half and pixel.
+    taken: [Vec<u32>; 2],
     passes: [u32; 2],
+    /// True if samples may be negative.
+    signed: bool,
     non_finite: u64,
     first_non_finite: Option<usize>,
 }
@@ -110,10 +135,18 @@ impl Film {
             height,
             halves: [vec![Rgb::BLACK; n], vec![Rgb::BLACK; n]],
             layers: vec![[Rgb::BLACK; Quantity::ALL.len()]; n],
+            taken: [vec![0; n], vec![0; n]],
             passes: [0; 2],
+            signed: false,
             non_finite: 0,
             first_non_finite: None,
         }
+    }
+
+    /// The same film, which takes samples below 0 as well if `signed`: those of estimators that are right in the mean only.
+    #[must_use]
+    pub fn signed(self, signed: bool) -> Self {
+        Self { signed, ..self }
     }
 
     /// Width in pixels.
@@ -126,26 +159,27 @@ impl Film {
         self.height
     }
 
-    /// Passes added so far: samples per pixel.
+    /// Passes added so far: samples per pixel, in the mean over pixels.
     pub fn n_passes(&self) -> u32 {
         self.passes[0] + self.passes[1]
     }
 
-    /// Samples that were not finite or negative, and the first pixel that had one. They are left out of the sums and never hidden.
+    /// Samples that were not finite, or negative where they must not be, and the first pixel that had one. They are left out of the sums and never hidden.
     pub fn bad_samples(&self) -> (u64, Option<usize>) {
         (self.non_finite, self.first_non_finite)
     }
 
-    /// Adds one sample for every pixel; passes of even index go to one half, odd ones to the other.
+    /// Adds what a pass found in every pixel; passes of even index go to one half, odd ones to the other.
     ///
     /// # Panics
-    /// If there is not one sample per pixel.
+    /// If there is not one entry per pixel.
     pub fn add_pass(&mut self, index: u32, samples: &[PixelSample]) {
-        assert_eq!(samples.len(), self.width * self.height, "one sample per pixel");
+        assert_eq!(samples.len(), self.width * self.height, "one entry per pixel");
         let half = (index % 2) as usize;
         for (pixel, sample) in samples.iter().enumerate() {
+            self.taken[half][pixel] += sample.n;
             let radiance = sample.radiance();
-            if !radiance.is_finite() || radiance.min() < 0.0 {
+            if !radiance.is_finite() || (radiance.min() < 0.0 && !self.signed) {
                 self.non_finite += 1;
                 self.first_non_finite.get_or_insert(pixel);
                 continue;
@@ -156,24 +190,28 @@ impl Film {
         self.passes[half] += 1;
     }
 
-    /// Mean radiance of all passes.
+    /// Samples of pixel `i` so far.
+    fn n_samples(&self, i: usize) -> f64 {
+        f64::from((self.taken[0][i] + self.taken[1][i]).max(1))
+    }
+
+    /// Mean radiance of all samples.
     pub fn image(&self) -> Image {
-        let n = f64::from(self.n_passes().max(1));
-        self.picture_of(|i| (self.halves[0][i] + self.halves[1][i]) / n)
+        self.picture_of(|i| (self.halves[0][i] + self.halves[1][i]) / self.n_samples(i))
     }
 
     /// Mean of one quantity.
     pub fn quantity_image(&self, layer: Quantity) -> Image {
-        let n = f64::from(self.n_passes().max(1));
-        self.picture_of(|i| self.layers[i][layer as usize] / n)
+        self.picture_of(|i| self.layers[i][layer as usize] / self.n_samples(i))
     }
 
-    /// Variance of the pixel's mean, from the two halves: unbiased, one degree of freedom a pixel. Black before the second pass.
+    /// Variance of the pixel's mean, from the two halves: one degree of freedom a pixel. Black before the second pass.
     pub fn variance_image(&self) -> Image {
-        self.picture_of(|i| self.half_difference(i).map(|d| 0.25 * d * d))
+        self.picture_of(|i| self.half_variance(i))
     }
 
-    /// Predicted relmse of the picture by its own two halves: mean of ((A-B)/2)²/(S²+0.01), S the mean over 5x5 pixels. Noise only;
+    /// Predicted relmse of the picture by its own two halves: mean of its [variance](Self::variance_image) over S²+0.01, S the mean over
+    /// 5x5 pixels. Noise only;
     /// what both halves have in common (mesh, gathering) does not show. `None` before the second pass.
     pub fn estimated_relmse(&self) -> Option<f64> {
         if self.passes.contains(&0) {
@@ -181,8 +219,8 @@ impl Film {
         }
         let smooth = self.image().box_filtered(2);
         let pixel = |i: usize| {
-            let (d, s) = (self.half_difference(i), smooth.pixels()[i]);
-            (0..3).map(|c| 0.25 * d[c] * d[c] / (f64::from(s[c]) * f64::from(s[c]) + 0.01)).sum::<f64>()
+            let (v, s) = (self.half_variance(i), smooth.pixels()[i]);
+            (0..3).map(|c| v[c] / (f64::from(s[c]) * f64::from(s[c]) + 0.01)).sum::<f64>()
         };
         let n = self.width * self.height;
         Some((0..n).map(pixel).sum::<f64>() / (3 * n) as f64)
@@ -203,11 +241,15 @@ impl Film {
         (0..w * h).filter(|&i| outshines(i)).count() as u64
     }
 
-    fn half_difference(&self, i: usize) -> Rgb {
-        if self.passes.contains(&0) {
+    /// Variance of the mean of pixel `i`: of two means over a and b samples, ab/(a+b)² of their squared difference, which is a quarter where
+    /// the halves have as many.
+    fn half_variance(&self, i: usize) -> Rgb {
+        let [a, b] = [0, 1].map(|half: usize| f64::from(self.taken[half][i]));
+        if a * b == 0.0 {
             return Rgb::BLACK;
         }
-        self.halves[0][i] / f64::from(self.passes[0]) - self.halves[1][i] / f64::from(self.passes[1])
+        let difference = self.halves[0][i] / a - self.halves[1][i] / b;
+        difference.map(|d| d * d * a * b / ((a + b) * (a + b)))
     }
 
     fn picture_of(&self, value: impl Fn(usize) -> Rgb) -> Image {
@@ -236,6 +278,18 @@ mod tests {
         // Halves (1+2)/2 and (3+4)/2: a quarter of the squared difference 2.
         assert_eq!(film.variance_image().at(0, 0), [1.0; 3]);
         assert_eq!(film.quantity_image(Quantity::Indirect).at(0, 0), [2.5; 3]);
+    }
+
+    /// Pixels with many samples in one pass and none in another: still the mean over samples, and the variance of that mean.
+    #[test]
+    fn pixels_may_have_as_many_samples_as_they_need() {
+        let mut film = Film::new(1, 1);
+        let mut three = PixelSample::NONE;
+        [1.0, 2.0, 6.0].iter().for_each(|v| three.add(&sample(*v)));
+        [three, sample(7.0), PixelSample::NONE].iter().enumerate().for_each(|(i, s)| film.add_pass(i as u32, &[*s]));
+        assert_eq!(film.image().at(0, 0), [4.0; 3]);
+        // Means 3 of three and 7 of one: 3/16 of the squared difference 16.
+        assert_eq!(film.variance_image().at(0, 0), [3.0; 3]);
     }
 
     #[test]

@@ -84,8 +84,32 @@ impl FormFactorMatrix {
 
     /// out_i = sum_j F_ij x_j over what is seen directly, in parallel.
     pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
-        let direct = |i: usize| self.direct(i).map(|(j, f)| x[j] * f).sum();
-        out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| *out = direct(i));
+        let x = self.scaled(x);
+        out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| *out = self.direct_product(i, &x));
+    }
+
+    /// x by column, times the factor of the column, in four lanes.
+    fn scaled(&self, x: &[Rgb]) -> Vec<[f64; 4]> {
+        x.iter().zip(&self.column_scale).map(|(x, scale)| [x.r * scale, x.g * scale, x.b * scale, 0.0]).collect()
+    }
+
+    /// Row i of the direct part times x as [`Self::scaled`] has it. Four sums side by side: one alone would wait for each addition.
+    fn direct_product(&self, i: usize, x: &[[f64; 4]]) -> Rgb {
+        let range = self.start[i]..self.start[i + 1];
+        let (columns, factors) = (&self.column[range.clone()], &self.factor[range]);
+        let mut sums = [[0.0; 4]; 4];
+        let mut add = |lane: usize, j: u32, f: f32| {
+            let (sum, x, f) = (&mut sums[lane], &x[j as usize], f64::from(f));
+            (0..4).for_each(|c| sum[c] += x[c] * f);
+        };
+        let (fours, rest) = columns.as_chunks::<4>();
+        let (four_factors, rest_factors) = factors.as_chunks::<4>();
+        for (j, f) in fours.iter().zip(four_factors) {
+            (0..4).for_each(|lane| add(lane, j[lane], f[lane]));
+        }
+        rest.iter().zip(rest_factors).for_each(|(&j, &f)| add(0, j, f));
+        let sum = |c: usize| (sums[0][c] + sums[1][c]) + (sums[2][c] + sums[3][c]);
+        Rgb::new(sum(0), sum(1), sum(2)) * self.row_scale[i]
     }
 
     /// As [`FormFactors::gather`], of what is equal in all channels: the same bits by a third of the products.
@@ -180,6 +204,16 @@ impl FormFactorMatrix {
         self.closure.corrected_defect = (0..n).map(|i| (self.direct_sum(i) - target[i]).abs()).fold(0.0, f64::max);
     }
 
+    /// Replaces what is seen by way of specular surfaces: entries (j, F_ij) by rising patch for each row.
+    pub fn set_specular(&mut self, rows: &[Vec<(u32, Rgb)>]) {
+        (self.specular_start, self.specular_column, self.specular_factor) = (vec![0], Vec::new(), Vec::new());
+        for row in rows {
+            self.specular_column.extend(row.iter().map(|e| e.0));
+            self.specular_factor.extend(row.iter().map(|e| e.1.to_array().map(|v| v as f32)));
+            self.specular_start.push(self.specular_column.len());
+        }
+    }
+
     fn transposed(&self) -> Vec<Vec<(u32, f32)>> {
         let mut rows = vec![Vec::new(); self.len()];
         for i in 0..self.len() {
@@ -197,8 +231,9 @@ impl FormFactors for FormFactorMatrix {
     }
 
     fn gather(&self, x: &[Rgb], out: &mut [Rgb]) {
+        let scaled = self.scaled(x);
         out.par_iter_mut().enumerate().with_min_len(64).for_each(|(i, out)| {
-            let direct: Rgb = self.direct(i).map(|(j, f)| x[j] * f).sum();
+            let direct = self.direct_product(i, &scaled);
             let specular: Rgb = self.specular(i).map(|(j, f)| x[j] * f).sum();
             *out = direct + specular;
         });

@@ -34,7 +34,9 @@ pub fn predicted(patches: f64, settings: &FormFactorSettings) -> f64 {
             n * (links.min(0.5 * n) * PER_LINK + PER_LEAF)
         }
     };
-    factors + n * PER_PATCH
+    // In a room with a mirrored wall every patch may see every other in it.
+    let rooms = if settings.virtual_rooms.is_some() { n * n * PER_ENTRY } else { 0.0 };
+    factors + rooms + n * PER_PATCH
 }
 
 #[cfg(test)]
@@ -44,7 +46,14 @@ mod tests {
     fn of(method: FormFactorMethod, patches: f64) -> f64 {
         predicted(
             patches,
-            &FormFactorSettings { method, tolerance: method.default_tolerance(), shadow_rays: 32.0, extended: true, seed: 0 },
+            &FormFactorSettings {
+                method,
+                tolerance: method.default_tolerance(),
+                shadow_rays: 32.0,
+                extended: true,
+                virtual_rooms: None,
+                seed: 0,
+            },
         )
     }
 

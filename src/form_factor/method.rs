@@ -5,6 +5,7 @@ use super::hemicube::{self, HemicubeSettings};
 use super::hierarchy::{self, HierarchySettings};
 use super::pairs::{self, PairSettings, Row, Surface};
 use super::ray_cast::{self, RayCastSettings};
+use super::virtual_rooms;
 use super::visibility::Transfer;
 use super::{FormFactors as _, Outside, Stored};
 use crate::math::sampler::mix;
@@ -68,6 +69,9 @@ pub struct FormFactorSettings {
     pub shadow_rays: f64,
     /// By way of mirrors, glass and gloss as well (extended form factors, [Sillion89]).
     pub extended: bool,
+    /// By way of flat mirrors, so many in a row, as exchanges with virtual rooms [Wallace87]; beside extended ones they would count twice.
+    /// Links between groups of patches hold none.
+    pub virtual_rooms: Option<u32>,
     /// Seed of all rays.
     pub seed: u64,
 }
@@ -132,6 +136,10 @@ pub fn build(
         return Some((Stored::Links(Box::new(links)), outside));
     }
     let (mut matrix, mut outside) = ray_cast::cast(world, patches, &settings.rays(world), counts, observer)?;
+    if let Some(reflections) = settings.virtual_rooms {
+        let seed = mix(settings.seed ^ 0x0b1d);
+        virtual_rooms::add(world, patches, (reflections, seed), &mut matrix, &mut outside, counts);
+    }
     let exchanges: Vec<Row> = match settings.method {
         FormFactorMethod::RayCast | FormFactorMethod::Hierarchical => return Some((Stored::Rows(Box::new(matrix)), outside)),
         FormFactorMethod::Analytic => analytic(world, patches, settings, observer)?,

@@ -15,6 +15,7 @@ pub mod pairs;
 pub mod polygon;
 pub mod ray_cast;
 pub mod stored;
+pub mod virtual_rooms;
 pub mod visibility;
 
 pub use hierarchy::Hierarchy;

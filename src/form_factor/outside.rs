@@ -33,6 +33,12 @@ impl Outside {
         self.accepted.push(row.accepted);
     }
 
+    /// Adds mean radiance [W/(m² sr)] over the rays of row i, as it arrives and as the patch accepts it.
+    pub fn add_arriving(&mut self, i: usize, arriving: Rgb, accepted: Rgb) {
+        self.arriving[i] += arriving;
+        self.accepted[i] += accepted;
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.escaped.len()

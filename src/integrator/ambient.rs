@@ -6,11 +6,12 @@
 //! caches anew with more and better records.
 
 use super::irradiance_cache::{Below, BounceSettings, FillSettings, IrradianceCache};
-use super::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass};
+use super::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass, encode_state};
 use crate::film::PixelSample;
 use crate::math::sampler::mix;
 use crate::world::World;
 use crate::world::walk::RayCounts;
+use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
 
 /// Passes of the first round: one for each half.
@@ -50,11 +51,20 @@ pub struct AmbientCaching<'a> {
     world: &'a World,
     settings: IntegratorSettings,
     ambient: AmbientSettings,
-    round: u32,
-    round_end: u32,
     /// Of each half: the first bounce's cache, and the one below it.
     caches: [Option<(IrradianceCache, Option<IrradianceCache>)>; 2],
+    rounds: Rounds,
+}
+
+/// What a run goes on from.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Rounds {
+    round: u32,
+    /// First pass of the next round.
+    round_end: u32,
     accuracy: f64,
+    /// Records of the caches of this round, as far as they are made.
+    made: [Option<usize>; 2],
 }
 
 impl<'a> AmbientCaching<'a> {
@@ -65,16 +75,14 @@ impl<'a> AmbientCaching<'a> {
             world,
             settings: IntegratorSettings { read_out, ..settings },
             ambient,
-            round: 0,
-            round_end: FIRST_PASSES,
             caches: [None, None],
-            accuracy: ambient.accuracy,
+            rounds: Rounds { round: 0, round_end: FIRST_PASSES, accuracy: ambient.accuracy, made: [None; 2] },
         }
     }
 
     /// How much finer than in the first round.
     fn finer(&self) -> f64 {
-        2.0_f64.sqrt().powi(self.round.min(40) as i32)
+        2.0_f64.sqrt().powi(self.rounds.round.min(40) as i32)
     }
 
     fn rays(&self) -> f64 {
@@ -83,19 +91,20 @@ impl<'a> AmbientCaching<'a> {
 
     /// Rays that the first bounce of one half may cost in this round.
     fn most_rays(&self, frame: &Frame) -> u64 {
-        let passes = f64::from(FIRST_PASSES) * 2.0_f64.powi(self.round.min(40) as i32);
+        let passes = f64::from(FIRST_PASSES) * 2.0_f64.powi(self.rounds.round.min(40) as i32);
         (0.5 * FILL_SHARE * passes * frame.n_pixels() as f64) as u64
     }
 
     fn next_round(&mut self, frame: &Frame) {
-        self.round += 1;
-        self.round_end += FIRST_PASSES << self.round.min(24);
-        let made = self.caches.iter().flatten().map(|c| c.0.len()).max();
+        self.rounds.round += 1;
+        self.rounds.round_end += FIRST_PASSES << self.rounds.round.min(24);
+        let made = self.rounds.made.into_iter().flatten().max();
+        self.rounds.made = [None; 2];
         self.caches = [None, None];
         // As many records as the next budget has rays for: their number goes with the inverse square of the reach.
         if let Some(made) = made.filter(|m| *m > 0) {
             let affordable = self.most_rays(frame) as f64 / self.rays();
-            self.accuracy *= (made as f64 / affordable).sqrt().clamp(0.5, 1.0);
+            self.rounds.accuracy *= (made as f64 / affordable).sqrt().clamp(0.5, 1.0);
         }
     }
 
@@ -109,17 +118,19 @@ impl<'a> AmbientCaching<'a> {
             caustics: None,
             ambient: 0.0,
             below,
+            residual: None,
+            smooth: None,
             stages: PhantomData,
         }
     }
 
     fn make(&self, frame: &Frame, half: usize, counts: &mut RayCounts) -> (IrradianceCache, Option<IrradianceCache>) {
-        let seed = mix(self.settings.seed ^ mix(0x00a3_b1e7 + u64::from(2 * self.round) + half as u64));
+        let seed = mix(self.settings.seed ^ mix(0x00a3_b1e7 + u64::from(2 * self.rounds.round) + half as u64));
         let mut below: Option<IrradianceCache> = None;
         for bounce in (1..self.ambient.bounces).rev() {
             let settings = BounceSettings {
                 rays: (BOUNCE_RAYS * self.rays()) as u32,
-                accuracy: self.accuracy as f32,
+                accuracy: self.rounds.accuracy as f32,
                 reach: BOUNCE_REACH.map(|r| r / self.finer().sqrt() as f32),
                 seed: mix(seed ^ u64::from(bounce)),
             };
@@ -127,7 +138,7 @@ impl<'a> AmbientCaching<'a> {
         }
         let settings = FillSettings {
             rays: self.rays() as u32,
-            accuracy: self.accuracy as f32,
+            accuracy: self.rounds.accuracy as f32,
             closest: (FIRST_CLOSEST / self.finer()).max(LEAST_CLOSEST) as f32,
             farthest: FARTHEST,
             spacing: 1,
@@ -147,17 +158,30 @@ impl Integrator for AmbientCaching<'_> {
         if self.ambient.bounces == 0 {
             return self.tracer(None, None).pass(frame, index);
         }
-        if index >= self.round_end {
+        if index >= self.rounds.round_end {
             self.next_round(frame);
         }
         let half = (index % 2) as usize;
         if self.caches[half].is_none() {
-            self.caches[half] = Some(self.make(frame, half, &mut counts));
+            let cache = self.make(frame, half, &mut counts);
+            // One that an earlier process made is the same once more, and was counted there.
+            if self.rounds.made[half].replace(cache.0.len()).is_some() {
+                counts = RayCounts::default();
+            }
+            self.caches[half] = Some(cache);
         }
         let caches = self.caches[half].as_ref();
         let mut tracer = self.tracer(caches.map(|c| &c.0), caches.and_then(|c| c.1.as_ref()));
         let (samples, of_pass) = tracer.pass(frame, index);
         counts += of_pass;
         (samples, counts)
+    }
+
+    fn state(&self) -> Vec<u8> {
+        encode_state(&self.rounds)
+    }
+
+    fn take_up(&mut self, state: &[u8]) -> bool {
+        postcard::from_bytes(state).map(|rounds| self.rounds = rounds).is_ok()
     }
 }

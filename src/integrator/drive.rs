@@ -28,8 +28,8 @@ impl Budget {
     }
 }
 
-/// What the caller of a run sees after each pass: the film, and the rays of pass two so far.
-pub type Snapshot<'a> = dyn FnMut(&Film, &RayCounts) + 'a;
+/// What the caller of a run sees after each pass: the film, the rays of pass two so far, and the method.
+pub type Snapshot<'a> = dyn FnMut(&Film, &RayCounts, &dyn Integrator) + 'a;
 
 /// Clocks against which a budget runs; made at the end of loading.
 #[derive(Debug, Clone)]
@@ -39,22 +39,30 @@ pub struct Clocks {
     cpu_now: fn() -> f64,
     /// Wall and CPU seconds that do not count.
     excluded: Cell<(f64, f64)>,
+    /// Wall and CPU seconds that an interrupted run spent before this one goes on with it.
+    before: (f64, f64),
 }
 
 impl Clocks {
     /// Starts now. `cpu_now` gives the CPU seconds of the process so far.
     pub fn start(cpu_now: fn() -> f64) -> Self {
-        Self { started: Instant::now(), cpu_started: cpu_now(), cpu_now, excluded: Cell::default() }
+        Self { started: Instant::now(), cpu_started: cpu_now(), cpu_now, excluded: Cell::default(), before: (0.0, 0.0) }
+    }
+
+    /// The same clocks, ahead by what an interrupted run spent (wall and CPU seconds).
+    #[must_use]
+    pub fn after(self, before: (f64, f64)) -> Self {
+        Self { before, ..self }
     }
 
     /// Wall seconds since the start that count.
     pub fn wall(&self) -> f64 {
-        self.started.elapsed().as_secs_f64() - self.excluded.get().0
+        self.before.0 + self.started.elapsed().as_secs_f64() - self.excluded.get().0
     }
 
     /// CPU seconds since the start that count.
     pub fn cpu(&self) -> f64 {
-        (self.cpu_now)() - self.cpu_started - self.excluded.get().1
+        self.before.1 + (self.cpu_now)() - self.cpu_started - self.excluded.get().1
     }
 
     /// Does work that is no part of the run, such as writing pictures by which the run is measured: it counts for no budget.
@@ -85,26 +93,35 @@ pub struct Driven {
 /// The predicted error is looked at only after this many passes: from fewer it is too rough to stop on.
 const PASSES_BEFORE_ERROR: u32 = 8;
 
-/// Runs passes until the budget is met or the observer stops it. `snapshot` sees the film after each pass.
+/// A film and its rays at the end of an interrupted run.
+pub type Before<'a> = Option<(&'a Film, RayCounts)>;
+
+/// Runs passes until the budget is met or the observer stops it, after those that `before` holds. `snapshot` sees the film after each
+/// pass.
 pub fn drive(
     integrator: &mut dyn Integrator,
-    frame: &Frame,
+    (frame, before): (&Frame, Before<'_>),
     budget: &Budget,
     clocks: &Clocks,
     observer: &mut Observer<'_>,
     snapshot: &mut Snapshot<'_>,
 ) -> Driven {
-    let mut film = Film::new(frame.crop[2], frame.crop[3]);
-    let mut counts = RayCounts::default();
-    let render_started = (clocks.wall(), clocks.cpu());
-    let mut index = 0;
+    let (mut film, mut counts) = match before {
+        Some((film, counts)) => (film.clone(), counts),
+        None => (Film::new(frame.crop[2], frame.crop[3]).signed(integrator.is_signed()), RayCounts::default()),
+    };
+    let start = Start { wall: clocks.wall(), cpu: clocks.cpu(), passes: film.n_passes() };
+    let mut index = film.n_passes();
+    if index > 0 && fraction_done(budget, clocks, &start, &film) >= 1.0 {
+        return Driven { film, counts, complete: true };
+    }
     loop {
         let (samples, pass_counts) = integrator.pass(frame, index);
         film.add_pass(index, &samples);
         counts += pass_counts;
         index += 1;
-        snapshot(&film, &counts);
-        let done = fraction_done(budget, clocks, render_started, &film);
+        snapshot(&film, &counts, integrator);
+        let done = fraction_done(budget, clocks, &start, &film);
         if done >= 1.0 {
             return Driven { film, counts, complete: true };
         }
@@ -114,17 +131,24 @@ pub fn drive(
     }
 }
 
+/// Where the passes of this process began.
+struct Start {
+    wall: f64,
+    cpu: f64,
+    passes: u32,
+}
+
 /// Share of the budget that is spent: the largest over its limits. A time limit also ends the run when the next pass would overrun
 /// it by more than it would leave unused.
-fn fraction_done(budget: &Budget, clocks: &Clocks, started: (f64, f64), film: &Film) -> f64 {
+fn fraction_done(budget: &Budget, clocks: &Clocks, started: &Start, film: &Film) -> f64 {
     let passes = film.n_passes();
     let timed = |limit: f64, now: f64, start: f64| {
-        let per_pass = (now - start) / f64::from(passes);
+        let per_pass = (now - start) / f64::from((passes - started.passes).max(1));
         if now + 0.5 * per_pass >= limit { 1.0 } else { now / limit }
     };
     let by_spp = budget.spp.map_or(0.0, |spp| f64::from(passes) / f64::from(spp));
-    let by_time = budget.time.map_or(0.0, |t| timed(t, clocks.wall(), started.0));
-    let by_cpu = budget.cpu_time.map_or(0.0, |t| timed(t, clocks.cpu(), started.1));
+    let by_time = budget.time.map_or(0.0, |t| timed(t, clocks.wall(), started.wall));
+    let by_cpu = budget.cpu_time.map_or(0.0, |t| timed(t, clocks.cpu(), started.cpu));
     let by_error = match (budget.error, film.estimated_relmse()) {
         (Some(goal), Some(now)) if passes >= PASSES_BEFORE_ERROR => (goal / now).min(1.0),
         _ => 0.0,

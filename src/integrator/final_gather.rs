@@ -100,6 +100,7 @@ impl<K: Stages> TwoPass<'_, K> {
         let mut distance = f32::INFINITY;
         let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;
         let mut to_light: Vec<(SurfaceInteraction, Rgb)> = Vec::new();
+        let mut to_correct: Vec<(SurfaceInteraction, Rgb, u32)> = Vec::new();
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
         let (mut reflected, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
@@ -114,7 +115,11 @@ impl<K: Stages> TwoPass<'_, K> {
                 if at.front && emission_share > 0.0 && !by_particles {
                     emitted += throughput * shape.emitted(at.uv) * emission_share;
                 }
-                if let Some(field) = self.field
+                if self.residual.is_some() {
+                    if shading.has_diffuse() && depth + through + 3 <= limit {
+                        to_correct.push((*at, throughput, through));
+                    }
+                } else if let Some(field) = self.field
                     && depth + through + 3 <= limit
                 {
                     let rho = shading.diffuse_reflectance();
@@ -148,7 +153,23 @@ impl<K: Stages> TwoPass<'_, K> {
         for (si, throughput) in to_light {
             reflected += throughput * self.lit(&si, sampler, counts);
         }
+        for (si, throughput, through) in to_correct {
+            reflected += throughput * self.corrected(&si, depth + through + 1, sampler, counts);
+        }
         Gathered { reflected, emitted, distance }
+    }
+
+    /// Radiance that the diffuse part at `si` reflects, right in the mean whatever is stored for it: the stored value as a control
+    /// variate, and with some probability the difference of a fresh look from it, over that probability. The fresh look's gather ray
+    /// reads what it meets in the same way.
+    fn corrected(&self, si: &SurfaceInteraction, depth: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
+        let rho = self.world.shading(si).diffuse_reflectance();
+        let stored = self.field.map_or(Rgb::BLACK, |field| RadiosityField::reflected_radiance(rho, field.at(si).irradiance));
+        let probability = self.residual.unwrap_or(1.0);
+        if f64::from(sampler.next_1d()) >= probability {
+            return stored;
+        }
+        stored + (self.near(si, depth, NEAR_LEVELS, sampler, counts) - stored) / probability
     }
 
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and the records of the bounce before.

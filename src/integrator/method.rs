@@ -6,10 +6,15 @@ use super::light_tracer::LightTracer;
 use super::metropolis::{Metropolis, MetropolisSettings};
 use super::photon::{PhotonMapper, Sppm};
 use super::{Integrator, IntegratorSettings, PathFilter, ReadOut, TwoPass, path, radiosity_view};
-use crate::radiosity::RadiosityField;
+use crate::radiosity::{Interpolation, RadiosityField};
+use crate::world::plane_mirrors::PlaneMirrors;
 use crate::world::{Stages, World};
 use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
+use std::sync::Arc;
+
+/// Probability with which `two-pass-unbiased` puts right what a gather ray reads.
+const RESIDUAL: f64 = 0.5;
 
 /// The closed list of methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,8 +22,14 @@ use std::marker::PhantomData;
 pub enum Method {
     /// Both passes, final gather (the default).
     TwoPass,
+    /// Both passes, the first as a control variate of the second.
+    TwoPassUnbiased,
     /// Both passes as in the classic papers: Whitted's recursion, shadow rays, stored radiosity.
     TwoPassWhitted,
+    /// Both passes with virtual rooms behind flat mirrors.
+    TwoPassPlanar,
+    /// Both passes with extended form factors.
+    TwoPassGeneral,
     /// Pass two alone: Whitted's recursion and shadow rays.
     WhittedOnly,
     /// Pass one alone.
@@ -66,7 +77,8 @@ impl ErrorKind {
 pub struct Row {
     /// Name on the command line.
     pub name: &'static str,
-    /// Light paths carried, as a pattern in Heckbert's notation [Heckbert90]: L lamp, D diffuse or rough, S ideal, E eye.
+    /// Light paths carried, as a pattern in Heckbert's notation [Heckbert90]: L lamp, D diffuse or rough, S ideal, M ideal
+    /// and flat, E eye.
     pub paths: &'static str,
     /// What becomes of its error.
     pub error: ErrorKind,
@@ -80,9 +92,12 @@ pub struct Row {
 
 impl Method {
     /// All methods, in the order of `--list-methods`.
-    pub const ALL: [Method; 11] = [
+    pub const ALL: [Method; 14] = [
         Method::TwoPass,
+        Method::TwoPassUnbiased,
         Method::TwoPassWhitted,
+        Method::TwoPassPlanar,
+        Method::TwoPassGeneral,
         Method::WhittedOnly,
         Method::Radiosity,
         Method::Path,
@@ -113,6 +128,14 @@ impl Method {
                 "radiosity, then shadow rays and an irradiance cache that gathers it, both refined as time passes",
                 "Wallace87, Ward88",
             ),
+            Method::TwoPassUnbiased => row(
+                "two-pass-unbiased",
+                "L(S|D)*E",
+                Unbiased,
+                false,
+                "final gather whose rays put the stored radiosity right by random paths: no error but noise",
+                "Wallace87, Lafortune94",
+            ),
             Method::TwoPassWhitted => row(
                 "two-pass-whitted",
                 "L(S|D)*E",
@@ -120,6 +143,23 @@ impl Method {
                 true,
                 "radiosity, then Whitted's recursion with shadow rays and stored radiosity; shows the patches",
                 "Wallace87, Sillion89",
+            ),
+            Method::TwoPassPlanar => row(
+                "two-pass-planar",
+                "L(M*D)*S*E",
+                Biased,
+                true,
+                "radiosity in the scene and the virtual rooms of its flat mirrors (M), then Whitted's recursion that shows it; light by \
+                 curved mirrors and glass reaches the eye, but no other surface",
+                "Wallace87",
+            ),
+            Method::TwoPassGeneral => row(
+                "two-pass-general",
+                "L(S|D)*E",
+                Biased,
+                true,
+                "radiosity with extended form factors, by way of any mirror and glass, then Whitted's recursion that shows it",
+                "Sillion89",
             ),
             Method::WhittedOnly => row(
                 "whitted-only",
@@ -200,8 +240,9 @@ impl Method {
     pub fn read_out(self) -> Option<ReadOut> {
         match self {
             Method::TwoPass => Some(ReadOut::Progressive),
+            Method::TwoPassUnbiased => Some(ReadOut::FinalGather),
             Method::TwoPassWhitted => Some(ReadOut::DirectStored),
-            Method::Radiosity => Some(ReadOut::Stored),
+            Method::Radiosity | Method::TwoPassPlanar | Method::TwoPassGeneral => Some(ReadOut::Stored),
             Method::WhittedOnly
             | Method::Path
             | Method::Light
@@ -220,7 +261,7 @@ impl Method {
 
     /// True if its form factors carry light by way of mirrors and glass.
     pub fn extends_form_factors(self) -> bool {
-        self != Method::Radiosity
+        !matches!(self, Method::Radiosity | Method::TwoPassPlanar)
     }
 
     /// True if its rays are followed by code that is compiled for the stages a scene needs; the others hold all stages.
@@ -238,14 +279,35 @@ impl Method {
     ) -> Box<dyn Integrator + 'a> {
         let ambient = methods.ambient;
         let stages = PhantomData;
-        let whitted = |settings| {
-            Box::new(TwoPass::<K> { world, field, settings, cache: None, caustics: None, ambient, below: None, stages })
+        let tracer = |settings| TwoPass::<K> {
+            world,
+            field,
+            settings,
+            cache: None,
+            caustics: None,
+            ambient,
+            below: None,
+            residual: None,
+            smooth: None,
+            stages,
         };
+        let two_pass = |settings, residual| Box::new(TwoPass { residual, ..tracer(settings) });
+        let whitted = |settings| two_pass(settings, None);
         match self {
             Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
+            Method::TwoPassUnbiased => two_pass(settings, Some(RESIDUAL)),
             Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
             Method::Radiosity => Box::new(radiosity_view::RadiosityView::new(world, field, settings)),
-            Method::Path => Box::new(path::PathTracer::<K> { world, settings, filter: methods.paths.clone(), stages }),
+            Method::TwoPassPlanar | Method::TwoPassGeneral => {
+                let smooth = field.map(|field| Arc::new(Interpolation::new(world, field)));
+                Box::new(TwoPass { smooth, ..tracer(settings) })
+            }
+            Method::Path => {
+                let filter = methods.paths.clone();
+                // Only words with letters need to know which mirrors are flat.
+                let mirrors = filter.as_ref().map(|_| PlaneMirrors::find(world));
+                Box::new(path::PathTracer::<K> { world, settings, filter, mirrors, stages })
+            }
             Method::Light => Box::new(LightTracer::new(world, settings)),
             Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),
             Method::PhotonMap => Box::new(PhotonMapper::new(world, settings, methods.photons)),
@@ -256,11 +318,27 @@ impl Method {
     }
 }
 
+/// How two-pass-planar works.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct VirtualRoomSettings {
+    /// Most mirrors in a row: 1, the scene's reflection in each mirror; 2, that of the reflections in the others as well.
+    pub reflections: u32,
+}
+
+impl Default for VirtualRoomSettings {
+    /// Between two facing mirrors a third reflection still matters, but rooms have one as a rule.
+    fn default() -> Self {
+        Self { reflections: 2 }
+    }
+}
+
 /// What only single methods know.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MethodSettings {
     /// Of whitted-only: irradiance over pi [W/(m² sr)] that stands for all light between surfaces.
     pub ambient: f64,
+    /// Of two-pass-planar.
+    pub virtual_rooms: VirtualRoomSettings,
     /// Of bidirectional: how the ways to make a path share it.
     pub heuristic: Heuristic,
     /// Of photon-map and sppm: photons that leave the lamps, in the first round and in each pass; `None`: one for each pixel.

@@ -12,12 +12,13 @@
 use super::bidirectional::subpath::{Carried, Met, Vertex, Walk};
 use super::bidirectional::{Connector, Heuristic, layer_of};
 use super::splat::Splats;
-use super::{Frame, Integrator, IntegratorSettings, each_pixel};
+use super::{Frame, Integrator, IntegratorSettings, each_pixel, encode_state};
 use crate::film::{PixelSample, Quantity};
 use crate::math::{Change, Proposal, Rgb, Sampler, Vec2, sampler::mix};
 use crate::world::World;
 use crate::world::walk::RayCounts;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Numbers of each stream that small steps move; those beyond are always new. A vertex takes three or four.
@@ -47,7 +48,8 @@ impl Default for MetropolisSettings {
 type Light = (Vec2, Quantity, Rgb);
 
 /// Where a chain is.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(from = "KeptState", into = "KeptState")]
 struct State {
     numbers: [Arc<[f32]>; 3],
     light: Vec<Light>,
@@ -55,7 +57,24 @@ struct State {
     brightness: f64,
 }
 
+/// A state as a file keeps it: its numbers, light and brightness.
+#[derive(Serialize, Deserialize)]
+struct KeptState([Vec<f32>; 3], Vec<Light>, f64);
+
+impl From<KeptState> for State {
+    fn from(KeptState(numbers, light, brightness): KeptState) -> Self {
+        State { numbers: numbers.map(Arc::from), light, brightness }
+    }
+}
+
+impl From<State> for KeptState {
+    fn from(state: State) -> Self {
+        KeptState(state.numbers.map(|n| n.to_vec()), state.light, state.brightness)
+    }
+}
+
 /// Chains of one half of the film.
+#[derive(Serialize, Deserialize)]
 struct Half {
     chains: Vec<State>,
     /// Brightness summed over independent states, and their number.
@@ -319,5 +338,13 @@ impl Integrator for Metropolis<'_> {
         }
         self.halves[number] = Some(half);
         (samples, counts)
+    }
+
+    fn state(&self) -> Vec<u8> {
+        encode_state(&self.halves)
+    }
+
+    fn take_up(&mut self, state: &[u8]) -> bool {
+        postcard::from_bytes(state).map(|halves| self.halves = halves).is_ok()
     }
 }

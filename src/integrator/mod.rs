@@ -24,7 +24,7 @@ pub use path_filter::PathFilter;
 use crate::film::PixelSample;
 use crate::geometry::Ray;
 use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
-use crate::radiosity::RadiosityField;
+use crate::radiosity::{Interpolation, RadiosityField};
 use crate::world::walk::RayCounts;
 use crate::world::{All, DirectSampling, Stages, World};
 use caustic_map::CausticMap;
@@ -32,6 +32,7 @@ use irradiance_cache::{Below, IrradianceCache};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
+use std::sync::Arc;
 
 /// How pass two reads pass one at a diffuse surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -94,8 +95,29 @@ impl Frame {
 
 /// A method at work: adds passes of one sample per pixel. Never loops over time, prints or saves.
 pub trait Integrator: Sync {
-    /// The samples of pass `index` for all pixels of `frame`, and the rays they cost.
+    /// What pass `index` finds in all pixels of `frame`, one sample in the mean, and the rays it costs.
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
+
+    /// What the passes to come depend on besides scene, settings and their index, as bytes that another process can go on from. What can
+    /// be made again from less is not in it. Most methods need nothing.
+    fn state(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// True if its samples may be negative, their mean being right all the same.
+    fn is_signed(&self) -> bool {
+        false
+    }
+
+    /// Goes on where [`Self::state`] was taken, before its first pass here; false if the bytes make no sense.
+    fn take_up(&mut self, state: &[u8]) -> bool {
+        state.is_empty()
+    }
+}
+
+/// Bytes of a method's state.
+pub(crate) fn encode_state<T: Serialize>(state: &T) -> Vec<u8> {
+    postcard::to_stdvec(state).expect("plain numbers always have an encoding")
 }
 
 /// Where a camera sample starts.
@@ -113,17 +135,33 @@ struct Start {
 }
 
 /// Where the sample of pass `pass` of rendered pixel `pixel` starts.
+fn camera_start(world: &World, settings: &IntegratorSettings, frame: &Frame, pass: u32, pixel: usize) -> Start {
+    start_in_half(world, settings, frame, pass % 2, pass / 2, pixel)
+}
+
+/// Where sample `index` of one half of the film of rendered pixel `pixel` starts.
 ///
 /// The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
-fn camera_start(world: &World, settings: &IntegratorSettings, frame: &Frame, pass: u32, pixel: usize) -> Start {
-    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(pass % 2)));
-    let index = u64::from(pass / 2);
+fn start_in_half(world: &World, settings: &IntegratorSettings, frame: &Frame, half: u32, index: u32, pixel: usize) -> Start {
+    let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(half)));
+    let index = u64::from(index);
     let (x, y) = frame.pixel(pixel);
     let key = (y * frame.width + x) as u64;
     let mut sampler = Sampler::of(settings.sampler, seed, key, index);
     let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
     let ray = world.scene().camera.ray(film_point, frame.width, frame.height);
     Start { ray, sampler, seed, key, index }
+}
+
+/// Which samples a pass takes.
+#[derive(Clone, Copy)]
+pub struct PassPlan<'a> {
+    /// Half of the film that it belongs to.
+    pub half: u32,
+    /// Samples of that half so far, by pixel.
+    pub taken: &'a [u32],
+    /// Samples to be taken, by pixel.
+    pub wanted: &'a [u32],
 }
 
 /// Pass `pass` over all pixels of `frame`: one camera sample each, traced by `trace`.
@@ -134,7 +172,34 @@ fn each_pixel(
     pass: u32,
     trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
 ) -> (Vec<PixelSample>, RayCounts) {
-    let mut samples = vec![PixelSample::default(); frame.n_pixels()];
+    by_rows(frame, |pixel, counts| {
+        counts.camera += 1;
+        trace(camera_start(world, settings, frame, pass, pixel), counts)
+    })
+}
+
+/// A pass of as many camera samples a pixel as `plan` says.
+fn each_planned(
+    world: &World,
+    settings: &IntegratorSettings,
+    frame: &Frame,
+    plan: PassPlan<'_>,
+    trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
+) -> (Vec<PixelSample>, RayCounts) {
+    by_rows(frame, |pixel, counts| {
+        let mut sum = PixelSample::NONE;
+        for k in 0..plan.wanted[pixel] {
+            counts.camera += 1;
+            let index = plan.taken[pixel] + k;
+            sum.add(&trace(start_in_half(world, settings, frame, plan.half, index, pixel), counts));
+        }
+        sum
+    })
+}
+
+/// All pixels, row by row.
+fn by_rows(frame: &Frame, pixel: impl Fn(usize, &mut RayCounts) -> PixelSample + Sync) -> (Vec<PixelSample>, RayCounts) {
+    let mut samples = vec![PixelSample::NONE; frame.n_pixels()];
     let row = frame.crop[2].max(1);
     let counts = samples
         .par_chunks_mut(row)
@@ -142,8 +207,7 @@ fn each_pixel(
         .map(|(y, samples)| {
             let mut counts = RayCounts::default();
             for (x, sample) in samples.iter_mut().enumerate() {
-                counts.camera += 1;
-                *sample = trace(camera_start(world, settings, frame, pass, y * row + x), &mut counts);
+                *sample = pixel(y * row + x, &mut counts);
             }
             counts
         })
@@ -170,6 +234,10 @@ pub struct TwoPass<'a, K: Stages = All> {
     pub ambient: f64,
     /// What gather rays read instead of a field.
     pub below: Option<Below<'a>>,
+    /// Probability with which what a gather ray reads is put right by looking afresh; `None`: it is taken as it is.
+    pub residual: Option<f64>,
+    /// Makes stored radiosity smooth between patches where it is shown as it is.
+    pub smooth: Option<Arc<Interpolation>>,
     /// The stages that its code holds.
     pub stages: PhantomData<K>,
 }

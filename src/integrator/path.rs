@@ -8,6 +8,7 @@ use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::material::Scattering;
 use crate::math::{Rgb, Sampler};
+use crate::world::plane_mirrors::PlaneMirrors;
 use crate::world::sight::{Origin, power_share};
 use crate::world::walk::RayCounts;
 use crate::world::{All, Shading, ShadowRay, Sight, Stages, SurfaceInteraction, World};
@@ -31,6 +32,8 @@ pub struct PathTracer<'a, K: Stages = All> {
     pub settings: IntegratorSettings,
     /// Which paths count; `None`: all.
     pub filter: Option<PathFilter>,
+    /// Which mirrors are flat, if somebody asks for letters.
+    pub mirrors: Option<PlaneMirrors>,
     /// The stages that its code holds.
     pub stages: PhantomData<K>,
 }
@@ -110,7 +113,8 @@ impl<K: Stages> PathTracer<'_, K> {
                 scattered += 1;
             }
             if self.filter.is_some() && !next.straight {
-                word.push(if next.density.is_some() { b'D' } else { b'S' });
+                let is_flat = || self.mirrors.as_ref().is_some_and(|mirrors| mirrors.window_of(&si).is_some());
+                word.push(if next.density.is_some() { b'D' } else { PathFilter::ideal(is_flat()) });
             }
             sight = match next.density {
                 Some(density) => {

@@ -3,12 +3,12 @@
 use regex::{Regex, RegexBuilder};
 
 /// Letters of a path from the lamp to the eye.
-const LETTERS: [char; 4] = ['L', 'S', 'D', 'E'];
+const LETTERS: [char; 5] = ['L', 'S', 'M', 'D', 'E'];
 /// Most bytes of a compiled expression.
 const MOST_BYTES: usize = 1 << 20;
 
 /// A set of light paths, as words over L (lamp), D (a surface that scatters: diffuse or rough), S (one that does not: ideal mirror or
-/// glass) and E (eye). What light goes straight through (masks, plates) has no letter.
+/// glass), M (of these, a flat mirror) and E (eye). What light goes straight through (masks, plates) has no letter.
 #[derive(Debug, Clone)]
 pub struct PathFilter {
     text: String,
@@ -22,9 +22,13 @@ impl PathFilter {
     /// A sentence for the user.
     pub fn new(text: &str) -> Result<Self, String> {
         if let Some(letter) = text.chars().find(|c| c.is_alphanumeric() && !LETTERS.contains(c) && !c.is_ascii_digit()) {
-            return Err(format!("\"{letter}\" is no letter of a light path; expected L, S, D, E and signs such as * + ? | ( )"));
+            return Err(format!(
+                "\"{letter}\" is no letter of a light path; expected L, S, M, D, E and signs such as * + ? | ( )"
+            ));
         }
-        let built = RegexBuilder::new(&format!("^(?:{text})$")).size_limit(MOST_BYTES).build();
+        // Every flat mirror is an S as well; classes within classes are unions.
+        let letters = text.replace('S', "[SM]");
+        let built = RegexBuilder::new(&format!("^(?:{letters})$")).size_limit(MOST_BYTES).build();
         // An expression may be right only with what was put around it.
         let alone = RegexBuilder::new(text).size_limit(MOST_BYTES).build();
         match (built, alone) {
@@ -34,6 +38,11 @@ impl PathFilter {
                 Err(format!("expected a regular expression over light paths, such as LS+DE; {line}"))
             }
         }
+    }
+
+    /// The letter of an ideal surface.
+    pub fn ideal(is_flat_mirror: bool) -> u8 {
+        if is_flat_mirror { b'M' } else { b'S' }
     }
 
     /// As it was typed.
@@ -65,7 +74,18 @@ mod tests {
         assert!(filter.has(b"DS") && filter.has(b"DSS"));
         assert!(!filter.has(b"SD") && !filter.has(b"D") && !filter.has(b"DSD"));
         assert!(PathFilter::new("L(S|D)*E").expect("well formed").has(b""));
+        let reversed = PathFilter::new("LDSE").expect("well formed");
+        assert!(reversed.has(b"SD") && !reversed.has(b"DS"), "a mirror that the eye sees is no mirror that the lamp sees");
         assert!(!PathFilter::new("LD").expect("well formed").has(b"D"), "an expression stands for whole paths");
+    }
+
+    #[test]
+    fn flat_mirrors_are_mirrors() {
+        let filter = PathFilter::new("L(S|D)*E").expect("well formed");
+        assert!(filter.has(b"MDS") && PathFilter::new("L[SD]*E").expect("well formed").has(b"MD"));
+        let flat = PathFilter::new("LMDE").expect("well formed");
+        assert!(flat.has(b"DM") && !flat.has(b"DS"), "no other mirror is flat");
+        assert!(!PathFilter::new("L[^S]*E").expect("well formed").has(b"M"));
     }
 
     #[test]

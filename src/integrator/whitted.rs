@@ -1,7 +1,7 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
 use super::irradiance_cache::{Gap, IrradianceCache};
-use super::{Frame as FilmFrame, Integrator, ReadOut, TwoPass, branches};
+use super::{Frame as FilmFrame, Integrator, PassPlan, ReadOut, Start, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
@@ -62,15 +62,26 @@ impl<'a> Trace<'a> {
 
 impl<K: Stages> Integrator for TwoPass<'_, K> {
     fn pass(&mut self, frame: &FilmFrame, index: u32) -> (Vec<PixelSample>, RayCounts) {
-        super::each_pixel(self.world, &self.settings, frame, index, |start, counts| {
-            let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
-            self.radiance(&start.ray, Path::START, &mut trace);
-            trace.sample
-        })
+        super::each_pixel(self.world, &self.settings, frame, index, |start, counts| self.sample(start, counts))
+    }
+
+    fn is_signed(&self) -> bool {
+        self.residual.is_some()
     }
 }
 
 impl<K: Stages> TwoPass<'_, K> {
+    /// A pass of as many samples a pixel as `plan` says.
+    pub fn planned_pass(&self, frame: &FilmFrame, plan: PassPlan<'_>) -> (Vec<PixelSample>, RayCounts) {
+        super::each_planned(self.world, &self.settings, frame, plan, |start, counts| self.sample(start, counts))
+    }
+
+    fn sample(&self, start: Start, counts: &mut RayCounts) -> PixelSample {
+        let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
+        self.radiance(&start.ray, Path::START, &mut trace);
+        trace.sample
+    }
+
     /// Longest path in edges, bounded.
     pub(super) fn depth_limit(&self) -> u32 {
         self.settings.max_depth.map_or(DEEPEST, |d| d.min(DEEPEST))
@@ -137,11 +148,12 @@ impl<K: Stages> TwoPass<'_, K> {
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(weight_rho, h);
         let mut read_out = self.settings.read_out;
         if let Some(field) = self.field.filter(|_| shading.has_diffuse()) {
-            let stored = field.at(si).irradiance;
+            let [stored, irradiance] = field.accepted_and_whole(si);
             *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
-            *trace.sample.layer(Quantity::Irradiance) += field.irradiance(si);
+            *trace.sample.layer(Quantity::Irradiance) += irradiance;
             if read_out == ReadOut::Stored && depth + 2 <= limit {
-                *trace.sample.layer(Quantity::Indirect) += reflect(stored);
+                let shown = self.smooth.as_ref().map_or(stored, |smooth| smooth.irradiance(field, si));
+                *trace.sample.layer(Quantity::Indirect) += reflect(shown);
             }
         } else if read_out != ReadOut::FinalGather && !shading.has_diffuse() {
             // Gloss alone has nothing stored.

@@ -4,6 +4,7 @@
 //! split ([`subdivide`]), small neighbours grouped ([`cluster`]), and no patch straddles a surface that cuts it ([`cuts`]).
 
 pub mod cluster;
+mod covered;
 pub mod cuts;
 mod measure;
 pub mod outline;
@@ -118,6 +119,9 @@ pub struct PatchMesh {
     pub exitance: Vec<Rgb>,
     /// Edge length that was asked for or chosen.
     pub patch_size: f64,
+    /// Area that lies in the same place as that of another opaque surface that faces the same way, and is hidden by it [m²].
+    #[serde(skip)]
+    pub given_twice: f64,
     element_of: Vec<u32>,
     side: Vec<bool>,
     elements: Vec<Element>,
@@ -153,6 +157,7 @@ impl PatchMesh {
             rho: Vec::new(),
             exitance: Vec::new(),
             patch_size,
+            given_twice: 0.0,
             element_of: Vec::new(),
             side: Vec::new(),
             elements: Vec::new(),
@@ -173,6 +178,7 @@ impl PatchMesh {
             }
         }
         mesh.measure(world);
+        mesh.leave_out_covered(world);
         Ok(mesh)
     }
 

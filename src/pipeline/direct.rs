@@ -16,6 +16,11 @@ use serde::{Deserialize, Serialize};
 /// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their area, but a quarter at least.
 pub(super) const DIRECT_POINTS: f64 = 32.0;
 
+/// A patch gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all patches ...
+const NOISE: f64 = 0.02;
+/// ... but no more than this many.
+const MOST_POINTS: f64 = 256.0;
+
 /// Most lamps that are kept apart. Where there are more, all are one: which of them a point looks at is then drawn by their strengths.
 const MOST_LAMPS: usize = 16;
 
@@ -155,6 +160,30 @@ fn lamps_apart(world: &World) -> Vec<usize> {
     partition.shadow_lights().iter().chain(partition.distant_lights()).copied().collect()
 }
 
+/// What the points of a patch have found.
+struct Measured {
+    /// By lamp: sums over the points.
+    sums: Vec<Incident>,
+    /// By lamp: sums of squares of the irradiance, averaged over channels.
+    squares: Vec<f64>,
+    points: u64,
+    counts: RayCounts,
+}
+
+impl Measured {
+    /// Variance of the mean by one lamp, as if the points were independent; 0 for too few points to tell.
+    fn noise(&self, lamp: usize) -> f64 {
+        let n = self.points as f64;
+        let mean = self.sums[lamp].irradiance.mean() / n;
+        if self.points > 1 { (self.squares[lamp] / n - mean * mean).max(0.0) / (n - 1.0) } else { 0.0 }
+    }
+
+    fn mean(&self, lamp: usize) -> Incident {
+        let Incident { irradiance, accepted } = self.sums[lamp];
+        Incident { irradiance: irradiance / self.points as f64, accepted: accepted / self.points as f64 }
+    }
+}
+
 /// Mean irradiance of each patch by each lamp that shadow rays find.
 pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed: u64, counts: &mut RayCounts) -> Vec<LampLight> {
     let lights = lamps_apart(world);
@@ -168,10 +197,10 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
         lights.iter().enumerate().for_each(|(lamp, &light)| lamp_of_light[light] = lamp);
     }
     let measured = world.needs().choose(Measure { world, patches, gather_rays, seed, lamp_of_light, n_lamps });
-    measured.iter().for_each(|(_, c)| *counts += *c);
+    measured.iter().for_each(|m| *counts += m.counts);
     let of_lamp = |lamp: usize| LampLight {
         lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
-        incident: measured.iter().map(|(sums, _)| sums[lamp]).collect(),
+        incident: measured.iter().map(|m| m.mean(lamp)).collect(),
     };
     (0..n_lamps).map(of_lamp).collect()
 }
@@ -187,24 +216,50 @@ struct Measure<'a> {
 }
 
 impl ByStages for Measure<'_> {
-    /// By patch: the light of each lamp, and the rays it cost.
-    type Output = Vec<(Vec<Incident>, RayCounts)>;
+    type Output = Vec<Measured>;
 
     fn run<K: Stages>(self) -> Self::Output {
-        (0..self.patches.len() as u32).into_par_iter().map(|i| self.patch::<K>(i)).collect()
+        let Self { patches, n_lamps, .. } = self;
+        let mut measured: Vec<Measured> = (0..patches.len())
+            .into_par_iter()
+            .map(|i| {
+                let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
+                let mut measured = Measured {
+                    sums: vec![Incident::default(); n_lamps],
+                    squares: vec![0.0; n_lamps],
+                    points: 0,
+                    counts: RayCounts::default(),
+                };
+                self.look::<K>(i, (DIRECT_POINTS * share) as u64, &mut measured);
+                measured
+            })
+            .collect();
+        // Half shadows need more points than that. How many is decided lamp by lamp, whatever the strengths of the lamps.
+        let total: f64 = patches.area.iter().sum();
+        let level = |lamp: usize| {
+            let square = |(m, area): (&Measured, &f64)| area * (m.sums[lamp].irradiance.mean() / m.points as f64).powi(2);
+            (measured.iter().zip(&patches.area).map(square).sum::<f64>() / total).sqrt()
+        };
+        let levels: Vec<f64> = (0..n_lamps).map(level).collect();
+        measured.par_iter_mut().enumerate().for_each(|(i, m)| {
+            let wanted =
+                levels.iter().enumerate().map(|(lamp, level)| m.noise(lamp) / (NOISE * level).powi(2)).fold(0.0, f64::max);
+            if wanted > 1.0 {
+                let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
+                self.look::<K>(i, points, m);
+            }
+        });
+        measured
     }
 }
 
 impl Measure<'_> {
-    fn patch<K: Stages>(&self, i: u32) -> (Vec<Incident>, RayCounts) {
+    /// Looks from further points of patch `i`, up to `points` of them in all.
+    fn look<K: Stages>(&self, i: usize, points: u64, into: &mut Measured) {
         let Self { world, patches, gather_rays, seed, ref lamp_of_light, n_lamps } = *self;
-        let mut counts = RayCounts::default();
-        let share = (patches.area[i as usize] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
-        let points = (DIRECT_POINTS * share) as u64;
-        let mut sums = vec![Incident::default(); n_lamps];
-        for k in 0..points {
-            let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), u64::from(i), k);
-            let mut at = patches.sample_by::<K>(world, PatchId(i), sampler.next_2d());
+        for k in into.points..points {
+            let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), i as u64, k);
+            let mut at = patches.sample_by::<K>(world, PatchId(i as u32), sampler.next_2d());
             // Radiosity belongs to the faces themselves, not to the smoothed normals.
             at.ns = at.ng;
             let shading = world.shading_by::<K>(&at);
@@ -218,16 +273,20 @@ impl Measure<'_> {
                 Scattering { diffuse: arriving, glossy: arriving * shading.acceptance(ray.direction) }
             };
             let sampling = DirectSampling::OF_PATCHES;
-            world.direct_by_light::<K>(&at, Some(at.ng), sampling, &mut sampler, &mut counts, respond, |light, found| {
-                let sum = &mut sums[lamp_of_light[light]];
-                sum.irradiance += found.diffuse;
-                sum.accepted += found.glossy;
+            let mut found = vec![Incident::default(); n_lamps];
+            let counts = &mut into.counts;
+            world.direct_by_light::<K>(&at, Some(at.ng), sampling, &mut sampler, counts, respond, |light, light_found| {
+                let found = &mut found[lamp_of_light[light]];
+                found.irradiance += light_found.diffuse;
+                found.accepted += light_found.glossy;
             });
+            for ((sum, square), found) in into.sums.iter_mut().zip(&mut into.squares).zip(&found) {
+                sum.irradiance += found.irradiance;
+                sum.accepted += found.accepted;
+                *square += found.irradiance.mean() * found.irradiance.mean();
+            }
         }
-        for sum in &mut sums {
-            (sum.irradiance, sum.accepted) = (sum.irradiance / points as f64, sum.accepted / points as f64);
-        }
-        (sums, counts)
+        into.points = into.points.max(points);
     }
 }
 
@@ -264,4 +323,19 @@ fn ratio(now: Rgb, then: Rgb) -> Option<Rgb> {
         };
     }
     Some(out.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two points, one lit with 2 and one dark: the variance of a point is 2, that of their mean 1.
+    #[test]
+    fn the_noise_of_a_mean_is_that_of_independent_points() {
+        let lit = Incident { irradiance: Rgb::grey(2.0), accepted: Rgb::grey(1.0) };
+        let of = |points| Measured { sums: vec![lit], squares: vec![4.0], points, counts: RayCounts::default() };
+        assert!((of(2).noise(0) - 1.0).abs() < 1e-15, "{}", of(2).noise(0));
+        assert_eq!(of(1).noise(0), 0.0);
+        assert_eq!(of(2).mean(0).accepted, Rgb::grey(0.5));
+    }
 }

@@ -1,5 +1,7 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
+mod allocation;
+pub mod checkpoint;
 pub mod cost;
 pub mod direct;
 pub mod form_factor_table;
@@ -11,6 +13,7 @@ mod progressive;
 pub mod solution_file;
 pub mod surface_points;
 
+pub use checkpoint::{Checkpoint, CheckpointError};
 pub use cost::{StageCost, StageCosts};
 pub use direct::LampWeight;
 pub use lit_gltf::lit_gltf;
@@ -20,8 +23,8 @@ use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;
 use crate::film::{Film, Quantity};
 use crate::form_factor::FormFactorMethod;
-use crate::integrator::drive::{Budget, Clocks, Driven, Snapshot, drive};
-use crate::integrator::{Frame, IntegratorSettings, Method, MethodSettings, ReadOut};
+use crate::integrator::drive::{Before, Budget, Clocks, Driven, Snapshot, drive};
+use crate::integrator::{Frame, Integrator, IntegratorSettings, Method, MethodSettings, ReadOut};
 use crate::math::SamplerKind;
 use crate::patch::PatchError;
 use crate::plan::{self, Asked, Plan};
@@ -32,6 +35,7 @@ use crate::world::stages::ByStages;
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, Stages, World};
 use progressive::{Progressive, first_pass_one};
+use std::sync::Arc;
 
 /// Everything that a render depends on besides the scene.
 #[derive(Debug, Clone)]
@@ -60,6 +64,8 @@ pub struct RenderSettings {
     pub pass_one: PassOneSettings,
     /// Ray engine.
     pub accel: AccelKind,
+    /// The unfinished run to go on from, of the same scene and settings.
+    pub resume: Option<Arc<Checkpoint>>,
     /// Whether stages that the scene does not need are left out.
     pub plan: plan::Mode,
 }
@@ -67,6 +73,9 @@ pub struct RenderSettings {
 /// Gather rays per camera sample. On the Cornell box 1, 2, 4 and 8 reach relMSE 3.8e-4, 2.2e-4, 1.78e-4 and 1.76e-4 in 8 CPU seconds;
 /// of the two best, 4 adds passes, and with them antialiasing, more often.
 pub const DEFAULT_GATHER_RAYS: u32 = 4;
+
+/// Elements that the patch size aims at, unless it is given, where patches meet each other in virtual rooms.
+const VIRTUAL_ELEMENTS: f64 = 1500.0;
 
 impl Default for RenderSettings {
     fn default() -> Self {
@@ -83,6 +92,7 @@ impl Default for RenderSettings {
             sampler: SamplerKind::default(),
             pass_one: PassOneSettings::default(),
             accel: AccelKind::default(),
+            resume: None,
             plan: plan::Mode::default(),
         }
     }
@@ -175,6 +185,14 @@ pub enum PipelineError {
     /// Another read-out was asked of a method that has one of its own.
     #[error("the method {} reads its first pass in one way only, so there is no read-out to choose", .0.name())]
     OneReadOut(Method),
+    /// The state of an unfinished run is not one of this method in this version.
+    #[error("the unfinished run holds no state of the method {}", .0.name())]
+    Unfinished(Method),
+    /// Links between groups of patches hold no virtual rooms.
+    #[error(
+        "two-pass-planar cannot be done with hierarchical form factors: links hold no virtual rooms; expected analytic, hemicube or ray-cast"
+    )]
+    NoVirtualRooms,
     /// Stopped before there was anything to show.
     #[error("stopped before the first picture")]
     Stopped,
@@ -198,6 +216,8 @@ pub struct Rendered {
     pub stages: Vec<StageCost>,
     /// False if it was stopped before its budget was met.
     pub complete: bool,
+    /// If it was stopped: what another process needs to go on, besides the film.
+    pub unfinished: Option<(RayCounts, Vec<u8>)>,
     /// The stages kept and left out.
     pub plan: Plan,
 }
@@ -315,8 +335,17 @@ impl ByStages for Render<'_, '_, '_> {
         let progressive = read_out == Some(ReadOut::Progressive);
         // A path of two edges or fewer never meets a second diffuse surface.
         let is_read = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
-        let mut first = if progressive { first_pass_one(&settings.pass_one) } else { settings.pass_one };
+        let coarse = progressive || settings.method == Method::TwoPassUnbiased;
+        let mut first = if coarse { first_pass_one(&settings.pass_one) } else { settings.pass_one };
         first.extended &= settings.method.extends_form_factors();
+        if settings.method == Method::TwoPassPlanar {
+            if first.form_factors == FormFactorMethod::Hierarchical {
+                return Err(PipelineError::NoVirtualRooms);
+            }
+            first.virtual_rooms = Some(settings.methods.virtual_rooms.reflections);
+            // Every patch meets every other in each room.
+            first.patches.elements = first.patches.elements.min(VIRTUAL_ELEMENTS);
+        }
         let mut pass_one = given.filter(|_| is_read);
         if pass_one.is_none() && plan.pass_one {
             match pass_one::solve(&world, &first, settings.seed, &mut watch, &mut counts, observer) {
@@ -332,25 +361,41 @@ impl ByStages for Render<'_, '_, '_> {
             && let Some(pass_one) = pass_one.take()
         {
             let mut method = Progressive::<K>::new(&world, settings, integrator, pass_one, counts);
-            let driven = watch.time(Stage::Render, || drive(&mut method, &frame, &budget, clocks, observer, snapshot));
+            let driven = watch.time(Stage::Render, || {
+                let before = take_up(&mut method, settings)?;
+                Ok::<Driven, PipelineError>(drive(&mut method, (&frame, before), &budget, clocks, observer, snapshot))
+            })?;
             watch.take_off(Stage::Render, clocks.excluded());
+            let Driven { film, complete, counts: pass_two } = driven;
+            let unfinished = (!complete).then(|| (pass_two, method.state()));
             let counts = method.counts;
             let pass_one = Some(method.finish(&mut watch));
-            let Driven { film, complete, .. } = driven;
-            return Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, plan, world });
+            let stages = watch.stages;
+            return Ok(Rendered { pass_one, film, frame, read_out, counts, stages, complete, unfinished, plan, world });
         }
         if integrator.read_out == ReadOut::FinalGather && !plan.gather && settings.method.has_read_outs() {
             integrator.read_out = ReadOut::DirectStored;
         }
         let field = pass_one.as_ref().filter(|_| is_read).map(|p| &p.field);
         let mut method = settings.method.integrator::<K>(&world, field, integrator, &settings.methods);
+        let before = take_up(&mut *method, settings)?;
         let Driven { film, counts: pass_two, complete } =
-            watch.time(Stage::Render, || drive(&mut *method, &frame, &budget, clocks, observer, snapshot));
+            watch.time(Stage::Render, || drive(&mut *method, (&frame, before), &budget, clocks, observer, snapshot));
         watch.take_off(Stage::Render, clocks.excluded());
+        let unfinished = (!complete).then(|| (pass_two, method.state()));
         counts += pass_two;
         drop(method);
-        Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, plan, world })
+        Ok(Rendered { pass_one, film, frame, read_out, counts, stages: watch.stages, complete, unfinished, plan, world })
     }
+}
+
+/// Makes a method go on with an unfinished run, if there is one; its film and rays.
+fn take_up<'a>(integrator: &mut dyn Integrator, settings: &'a RenderSettings) -> Result<Before<'a>, PipelineError> {
+    let Some(checkpoint) = &settings.resume else { return Ok(None) };
+    if !integrator.take_up(&checkpoint.state) {
+        return Err(PipelineError::Unfinished(settings.method));
+    }
+    Ok(Some((&checkpoint.film, checkpoint.counts)))
 }
 
 /// What pass one alone gave.

@@ -66,6 +66,8 @@ impl Prober<'_> {
             caustics: None,
             ambient: 0.0,
             below: None,
+            residual: None,
+            smooth: None,
             stages: PhantomData,
         };
         let per_batch = self.samples.div_ceil(BATCHES).max(1);

@@ -5,15 +5,17 @@
 //! times as fine, replaces the old one as soon as it costs no more than a share of what has been done. All is decided by
 //! counted rays, never by the clock, so that pictures are the same on any machine.
 
+use super::allocation::Allocation;
 use super::cost::StageCosts;
 use super::{PassOne, PassOneSettings, RenderSettings, pass_one};
 use crate::film::PixelSample;
 use crate::integrator::caustic_map::{CausticMap, CausticSettings};
 use crate::integrator::irradiance_cache::{FillSettings, IrradianceCache};
-use crate::integrator::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass};
+use crate::integrator::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass, encode_state};
 use crate::math::sampler::mix;
 use crate::world::walk::RayCounts;
 use crate::world::{Stages, World};
+use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
 use std::ops::ControlFlow;
 
@@ -31,8 +33,13 @@ const MOST_ELEMENTS: f64 = 65536.0;
 const PASS_ONE_SHARE: f64 = 0.35;
 /// Passes of the first round: one for each half.
 const FIRST_PASSES: u32 = 2;
-/// Gather rays of the caches of a round for each camera sample of that round.
-const FILL_SHARE: f64 = 1.0;
+/// Gather rays of the caches of the first two rounds for each camera sample of them; after that, by what is known of the errors.
+const FIRST_FILL: f64 = 1.0;
+/// Fewest and most gather rays of a round for each camera sample.
+const FILL: [f64; 2] = [0.5, 4.0];
+/// Weight of a cache's error beside that of camera samples: what costs a gather ray costs half a camera sample; a cache has a bias besides
+/// the noise that shows; and the error of camera samples falls faster than their number grows.
+const CACHE_WEIGHT: f64 = 12.0;
 /// Rays of a record in the first round; they grow by the fourth root of two from round to round: what a round has more goes into more
 /// records rather than better ones, since what is left of the error is mostly that of interpolation.
 const FIRST_RAYS: f64 = 64.0;
@@ -47,6 +54,12 @@ const SPACED_ROUNDS: u32 = 4;
 const PARTICLE_SHARE: f64 = 0.5;
 /// Most particles that leave the lamps for one map: some 200 MB.
 const MOST_PARTICLES: f64 = 2e6;
+/// Records of a half, its particles, and those of the other half get one of so many parts of the memory each; the rest is for pass one.
+const MEMORY_PARTS: u64 = 8;
+/// Bytes of a record with its place in the grid, in up to eight cells.
+const RECORD_BYTES: u64 = 400;
+/// Bytes of a particle likewise.
+const PARTICLE_BYTES: u64 = 200;
 /// Particles that overlap at a point in the first round; grows as the rays of a record.
 const FIRST_OVERLAP: f64 = 24.0;
 /// Closest records of any round in pixels.
@@ -54,7 +67,25 @@ const LEAST_CLOSEST: f64 = 0.25;
 /// Most rays of a record.
 const MOST_RAYS: f64 = 4096.0;
 /// Farthest records in pixels.
-const FARTHEST: f64 = 32.0;
+const FARTHEST: f64 = 20.0;
+
+/// What a run goes on from: caches and solutions are made again from it.
+#[derive(Serialize, Deserialize)]
+struct State {
+    elements: f64,
+    form_factor_tolerance: f64,
+    refines: bool,
+    pass_one_rays: u64,
+    round: u32,
+    round_end: u32,
+    made: [Option<usize>; 2],
+    accuracy: f64,
+    fill: f64,
+    spent: [f64; 2],
+    allocation: Option<Allocation>,
+    memory: u64,
+    counts: RayCounts,
+}
 
 /// Rounds of passes with their caches and solutions.
 pub(super) struct Progressive<'a, K: Stages> {
@@ -71,8 +102,17 @@ pub(super) struct Progressive<'a, K: Stages> {
     /// First pass of the next round.
     round_end: u32,
     caches: [Option<IrradianceCache>; 2],
+    /// Records of the caches of this round, as far as they are made.
+    made: [Option<usize>; 2],
     caustics: [Option<CausticMap>; 2],
     accuracy: f64,
+    /// Gather rays of this round for each camera sample.
+    fill: f64,
+    /// Camera samples a pixel and gather rays of caches so far, a pixel.
+    spent: [f64; 2],
+    allocation: Option<Allocation>,
+    /// Bytes that the records of one half may take, and its particles as much again.
+    memory: u64,
     costs: StageCosts,
     /// Rays so far, pass one included.
     pub counts: RayCounts,
@@ -113,8 +153,13 @@ impl<'a, K: Stages> Progressive<'a, K> {
             round: 0,
             round_end: FIRST_PASSES,
             caches: [None, None],
+            made: [None; 2],
             caustics: [None, None],
             accuracy: FIRST_ACCURACY,
+            fill: FIRST_FILL,
+            spent: [0.0; 2],
+            allocation: None,
+            memory: render.pass_one.max_memory.map_or(u64::MAX, |all| all / MEMORY_PARTS),
             costs: StageCosts::default(),
             counts,
             stages: PhantomData,
@@ -130,11 +175,19 @@ impl<'a, K: Stages> Progressive<'a, K> {
     fn next_round(&mut self, frame: &Frame) {
         self.round += 1;
         self.round_end += FIRST_PASSES << self.round.min(24);
-        let made: Vec<usize> = self.caches.iter().flatten().map(IrradianceCache::len).collect();
-        self.caches = [None, None];
+        let made = self.made.into_iter().flatten().max();
+        (self.caches, self.made) = ([None, None], [None; 2]);
+        if let Some(allocation) = &mut self.allocation {
+            allocation.refine();
+            // Least of own/samples + shared/rays for a given samples + rays, each error falling with the effort that went into it.
+            let [samples, rays] = self.spent;
+            let fill =
+                if self.round < 2 { FIRST_FILL } else { (CACHE_WEIGHT * allocation.shared_over_own() * rays / samples).sqrt() };
+            self.fill = fill.clamp(FILL[0], FILL[1]);
+        }
         // As many records as the next budget has rays for: their number goes with the inverse square of the reach. A cache that ran
         // out of rays keeps its reach, and the next one gets farther with it.
-        if let Some(&made) = made.iter().max() {
+        if let Some(made) = made {
             let affordable = self.most_rays(frame) as f64 / self.rays_per_record();
             self.accuracy *= (made as f64 / affordable).sqrt().clamp(0.5, 1.0);
         }
@@ -154,18 +207,28 @@ impl<'a, K: Stages> Progressive<'a, K> {
         finer.patches.elements = next;
         finer.form_factor_tolerance /= GROWTH.powf(TOLERANCE_POWER);
         let mut counts = RayCounts::default();
-        let mut go_on = |_: &_| ControlFlow::Continue(());
         // What could be solved coarsely can be finely, but for limits on the number of patches: then the old one stays.
-        let found = pass_one::solve(self.world, &finer, self.seed, &mut self.costs, &mut counts, &mut go_on);
+        match self.replace_pass_one(finer, &mut counts) {
+            true => self.pass_one_rays = rays(&counts),
+            false => self.refines = false,
+        }
+        self.counts += counts;
+    }
+
+    /// Another pass one in place of the present one, which stays if there is no such solution.
+    fn replace_pass_one(&mut self, settings: PassOneSettings, counts: &mut RayCounts) -> bool {
+        let mut go_on = |_: &_| ControlFlow::Continue(());
+        // The old one is there until the new one is.
+        let bounded = PassOneSettings { max_memory: settings.max_memory.map(|all| all / 2), ..settings };
+        let found = pass_one::solve(self.world, &bounded, self.seed, &mut self.costs, counts, &mut go_on);
         match found {
             Ok(pass_one) => {
                 self.pass_one = pass_one;
-                self.pass_one_settings = finer;
-                self.pass_one_rays = rays(&counts);
+                self.pass_one_settings = settings;
+                true
             }
-            Err(_) => self.refines = false,
+            Err(_) => false,
         }
-        self.counts += counts;
     }
 
     /// How much finer than in the first round.
@@ -174,13 +237,15 @@ impl<'a, K: Stages> Progressive<'a, K> {
     }
 
     fn rays_per_record(&self) -> f64 {
-        (FIRST_RAYS * self.finer().sqrt()).min(MOST_RAYS)
+        (FIRST_RAYS * self.finer().sqrt() * self.fill).min(MOST_RAYS)
     }
 
     /// Rays that the cache of one half may cost in this round.
     fn most_rays(&self, frame: &Frame) -> u64 {
         let passes = f64::from(FIRST_PASSES) * 2.0_f64.powi(self.round.min(40) as i32);
-        (0.5 * FILL_SHARE * passes * frame.n_pixels() as f64) as u64
+        let wanted = 0.5 * self.fill * passes * frame.n_pixels() as f64;
+        let most_records = (self.memory / RECORD_BYTES).max(1) as f64;
+        wanted.min(most_records * self.rays_per_record()) as u64
     }
 
     /// How the cache of one half is made in this round.
@@ -199,7 +264,8 @@ impl<'a, K: Stages> Progressive<'a, K> {
     /// How the caustic map of one half is made: as many particles as the cache has rays, at most.
     fn caustic_settings(&self, fill: &FillSettings) -> CausticSettings {
         CausticSettings {
-            particles: (PARTICLE_SHARE * fill.most_rays as f64).min(MOST_PARTICLES) as u32,
+            particles: (PARTICLE_SHARE * fill.most_rays as f64).min(MOST_PARTICLES).min((self.memory / PARTICLE_BYTES) as f64)
+                as u32,
             overlap: (FIRST_OVERLAP * self.finer().sqrt()) as f32,
             seed: mix(fill.seed ^ 0xca05),
         }
@@ -215,6 +281,8 @@ impl<'a, K: Stages> Progressive<'a, K> {
             caustics,
             ambient: 0.0,
             below: None,
+            residual: None,
+            smooth: None,
             stages: PhantomData,
         }
     }
@@ -230,15 +298,60 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
         if self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
             self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
+            let before = counts.gather;
             let cache = self.two_pass(half, None).fill(frame, &settings, &mut counts);
+            let gathered = (counts.gather - before) as f64 / frame.n_pixels() as f64;
             // Looking for places cuts paths as well, but none of a camera sample.
             (counts.truncated, counts.truncated_weight) = (0, 0);
+            // One that an earlier process made is the same once more, and was counted there.
+            if self.made[half].replace(cache.len()).is_some() {
+                counts = RayCounts::default();
+            } else {
+                self.spent[1] += gathered;
+            }
             self.caches[half] = Some(cache);
         }
-        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).pass(frame, index);
+        let mut allocation = self.allocation.take().unwrap_or_else(|| Allocation::new(frame, self.seed));
+        let plan = allocation.next(half);
+        let (samples, of_pass) = self.two_pass(half, self.caches[half].as_ref()).planned_pass(frame, plan);
+        allocation.add(half, &samples);
+        self.allocation = Some(allocation);
+        self.spent[0] += 1.0;
         counts += of_pass;
         self.counts += counts;
         (samples, counts)
+    }
+
+    fn state(&self) -> Vec<u8> {
+        let PassOneSettings { patches, form_factor_tolerance, .. } = self.pass_one_settings;
+        let state = State {
+            elements: patches.elements,
+            form_factor_tolerance,
+            refines: self.refines,
+            pass_one_rays: self.pass_one_rays,
+            round: self.round,
+            round_end: self.round_end,
+            made: self.made,
+            accuracy: self.accuracy,
+            fill: self.fill,
+            spent: self.spent,
+            allocation: self.allocation.clone(),
+            memory: self.memory,
+            counts: self.counts,
+        };
+        encode_state(&state)
+    }
+
+    fn take_up(&mut self, state: &[u8]) -> bool {
+        let Ok(state) = postcard::from_bytes::<State>(state) else { return false };
+        let mut settings = self.pass_one_settings;
+        (settings.patches.elements, settings.form_factor_tolerance) = (state.elements, state.form_factor_tolerance);
+        let is_there = settings == self.pass_one_settings || self.replace_pass_one(settings, &mut RayCounts::default());
+        (self.refines, self.pass_one_rays) = (state.refines, state.pass_one_rays);
+        (self.round, self.round_end, self.made, self.accuracy) = (state.round, state.round_end, state.made, state.accuracy);
+        (self.fill, self.spent, self.allocation) = (state.fill, state.spent, state.allocation);
+        (self.memory, self.counts) = (state.memory, state.counts);
+        is_there
     }
 }
 

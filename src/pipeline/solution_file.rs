@@ -28,6 +28,7 @@ use crate::form_factor::{Outside, Stored};
 use crate::patch::PatchMesh;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"TWOPASS\x1a";
@@ -88,13 +89,16 @@ pub struct SolutionFile {
     path: PathBuf,
     /// With what settings it was made.
     pub meta: Meta,
+    bytes: Vec<u8>,
     sections: Vec<Section>,
 }
 
+/// Where a section is in the file.
 #[derive(Debug)]
 struct Section {
     key: Key,
-    contents: Vec<u8>,
+    contents: Range<usize>,
+    sum: [u8; 32],
 }
 
 impl SolutionFile {
@@ -106,8 +110,8 @@ impl SolutionFile {
         let failed = |kind| SolutionFileError { path: path.to_owned(), kind };
         let bytes = std::fs::read(path).map_err(|error| failed(error.into()))?;
         let sections = parse(&bytes).map_err(failed)?;
-        let meta = decode(&sections[0], 0).map_err(failed)?;
-        Ok(Self { path: path.to_owned(), meta, sections })
+        let meta = decode(&bytes[sections[0].contents.clone()], 0).map_err(failed)?;
+        Ok(Self { path: path.to_owned(), meta, bytes, sections })
     }
 
     /// What of it still holds for a scene and settings with these keys, each stage by itself.
@@ -151,7 +155,7 @@ impl SolutionFile {
         if let Some(stage) = self.good(keys).iter().position(|good| !good) {
             return Err(SolutionFileError { path: self.path.clone(), kind: SolutionFileFault::Stale(what[stage]) });
         }
-        let Kept { patches, form_factors, lamps, solved } = self.still_good(keys)?;
+        let Kept { patches, form_factors, lamps, solved, .. } = self.still_good(keys)?;
         let ((form_factors, outside), (summary, groups)) =
             form_factors.zip(solved).expect("every stage whose key holds is there");
         let (patches, lamps) = patches.zip(lamps).expect("every stage whose key holds is there");
@@ -164,7 +168,11 @@ impl SolutionFile {
     }
 
     fn section<T: DeserializeOwned>(&self, index: usize) -> Result<T, SolutionFileError> {
-        decode(&self.sections[index], index).map_err(|kind| SolutionFileError { path: self.path.clone(), kind })
+        decode(self.contents(index), index).map_err(|kind| SolutionFileError { path: self.path.clone(), kind })
+    }
+
+    fn contents(&self, index: usize) -> &[u8] {
+        &self.bytes[self.sections[index].contents.clone()]
     }
 
     fn fits(&self, index: usize, fits: bool) -> Result<(), SolutionFileError> {
@@ -201,18 +209,18 @@ pub fn write(
         file.write_all(&(TAGS.len() as u32).to_le_bytes())?;
         for (index, key) in keys.iter().enumerate() {
             // Lamps are kept for any strength, so the strengths in the file may be older ones; reflectances are part of the patches.
-            let same = old.filter(|old| index == 2 && old.sections[index].key == *key).map(|old| &old.sections[index].contents);
-            let made;
-            let contents = match same {
-                Some(contents) => contents,
-                None => {
-                    made = contents(index);
-                    &made
+            if let Some(old) = old.filter(|old| index == 2 && old.sections[index].key == *key) {
+                // Its checksum was verified when it was read.
+                let (contents, sum) = (old.contents(index), &old.sections[index].sum);
+                for part in [&TAGS[index][..], key, &(contents.len() as u64).to_le_bytes(), contents, sum] {
+                    file.write_all(part)?;
                 }
-            };
+                continue;
+            }
+            let contents = contents(index);
             let length = (contents.len() as u64).to_le_bytes();
             let mut hash = blake3::Hasher::new();
-            for part in [&TAGS[index][..], key, &length, contents] {
+            for part in [&TAGS[index][..], key, &length, &contents] {
                 hash.update(part);
                 file.write_all(part)?;
             }
@@ -230,8 +238,8 @@ fn encode<T: Serialize>(value: &T) -> Vec<u8> {
     postcard::to_stdvec(value).expect("plain arrays and numbers always have an encoding")
 }
 
-fn decode<T: DeserializeOwned>(section: &Section, index: usize) -> Result<T, SolutionFileFault> {
-    postcard::from_bytes(&section.contents).map_err(|_| SolutionFileFault::Inconsistent(name(index)))
+fn decode<T: DeserializeOwned>(contents: &[u8], index: usize) -> Result<T, SolutionFileFault> {
+    postcard::from_bytes(contents).map_err(|_| SolutionFileFault::Inconsistent(name(index)))
 }
 
 fn parse(bytes: &[u8]) -> Result<Vec<Section>, SolutionFileFault> {
@@ -254,6 +262,7 @@ fn parse(bytes: &[u8]) -> Result<Vec<Section>, SolutionFileFault> {
         let key: Key = reader.array()?;
         let length: [u8; 8] = reader.array()?;
         let contents = reader.take(usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX))?;
+        let range = reader.at - contents.len()..reader.at;
         let sum: [u8; 32] = reader.array()?;
         let mut hash = blake3::Hasher::new();
         [&found[..], &key, &length, contents].into_iter().for_each(|part| {
@@ -262,7 +271,7 @@ fn parse(bytes: &[u8]) -> Result<Vec<Section>, SolutionFileFault> {
         if *hash.finalize().as_bytes() != sum || found != **tag {
             return Err(SolutionFileFault::Damaged(name(index)));
         }
-        sections.push(Section { key, contents: contents.to_vec() });
+        sections.push(Section { key, contents: range, sum });
     }
     match bytes.len() - reader.at {
         0 => Ok(sections),

@@ -62,12 +62,13 @@ pub(super) fn steps(space: &Space<'_>, x: &mut [Rgb], r: &mut [Rgb], limit: u32,
         let minus: Vec<Rgb> = beta.iter().map(|b| Rgb::BLACK - *b).collect();
         sets.add_scaled(&mut bounced, &minus, &before);
         coarse.add_image(sets, &mut bounced, &level);
+        let mut lit: Vec<Rgb> = x.iter().zip(r.iter()).map(|(x, r)| *x + *r).collect();
+        coarse.correct(sets, &mut lit, &mut bounced);
         for (s, set) in sets.members.iter().enumerate().filter(|(s, _)| is_open[*s]).collect::<Vec<_>>() {
-            if (goal.is_met)(s, x, &bounced) {
+            if (goal.is_met)(s, &lit, &bounced) {
                 is_open[s] = false;
                 for &i in set {
-                    x[i] += r[i];
-                    (r[i], p[i], image[i]) = (bounced[i], Rgb::BLACK, Rgb::BLACK);
+                    (x[i], r[i], p[i], image[i]) = (lit[i], bounced[i], Rgb::BLACK, Rgb::BLACK);
                 }
             }
         }

@@ -117,6 +117,13 @@ impl Coarse {
         self.add(sets, r, &minus);
     }
 
+    /// The solution over rooms for what one more bounce of light leaves: if x has the residual `r`, that of x + r is r - A r, and what of it lies in
+    /// the span of W is known without a product by symmetry ([`Self::project_image`]).
+    pub fn level_after_bounce(&self, sets: &Sets, r: &[Rgb]) -> Vec<Rgb> {
+        let (own, image) = (self.project(sets, r), self.project_image(sets, r));
+        self.solve(&own.into_iter().zip(image).map(|(own, image)| own - image).collect::<Vec<Rgb>>())
+    }
+
     /// z = r + W (solution over rooms of r) - W (mean of r in each room): the preconditioner of the methods without symmetry. What is
     /// constant in a room is solved for, the rest left as it is.
     pub fn precondition(&self, sets: &Sets, r: &[Rgb]) -> Vec<Rgb> {

@@ -59,7 +59,15 @@ impl RadiosityField {
         self.patches.patch_at(si).map_or(Rgb::BLACK, |id| self.irradiance_of(id.0 as usize))
     }
 
+    /// Irradiance [W/m²] at a surface point, as its diffuse part accepts it and as it is; zero where there is no patch.
+    #[inline]
+    pub fn accepted_and_whole(&self, si: &SurfaceInteraction) -> [Rgb; 2] {
+        let found = self.patches.patch_at(si).map(|id| id.0 as usize);
+        found.map_or([Rgb::BLACK; 2], |i| [self.accepted_of(i), self.irradiance_of(i)])
+    }
+
     /// Irradiance [W/m²] of patch `i`.
+    #[inline]
     pub fn irradiance_of(&self, i: usize) -> Rgb {
         self.shadow_irradiance[i] + self.gathered_irradiance[i] + self.indirect_irradiance[i]
     }

@@ -2,6 +2,7 @@
 
 use super::bound::{ErrorBound, relative};
 use super::coarse::Coarse;
+use super::rooms::MOST_ROOMS;
 use super::sets::Sets;
 use super::{Solution, SolveError, Solver, SolverSettings, bicgstab, cg, system::RadiositySystem};
 use crate::math::Rgb;
@@ -178,10 +179,27 @@ pub(super) fn solve(
             (whole.error_bound, (whole.irradiance, r)) = (best, kept.clone());
         }
         if whole.converged || is_given_up || stopped.get() || whole.sweeps >= settings.max_sweeps {
+            let level = (solver == Solver::Cg).then(|| coarse.level_after_bounce(sets, &r));
             whole.irradiance.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
+            if let Some(level) = level {
+                // The bound is that of x + r, which this changes by so much.
+                let mean = |s: usize| system.mean_irradiance(&sets.members[s], &whole.irradiance);
+                let change =
+                    |s: usize| relative(level[s * MOST_ROOMS..][..MOST_ROOMS].iter().map(largest).fold(0.0, f64::max), mean(s));
+                let off = (0..sets.members.len()).map(change).fold(0.0, f64::max);
+                if !whole.converged || whole.error_bound + off <= settings.tolerance {
+                    coarse.add(sets, &mut whole.irradiance, &level);
+                    whole.error_bound += off;
+                }
+            }
             return (whole, is_given_up);
         }
     }
+}
+
+/// Largest magnitude over the channels.
+fn largest(v: &Rgb) -> f64 {
+    v.map(f64::abs).max()
 }
 
 /// Share of the way from the first bound to the tolerance; bounds fall geometrically, so their logarithms measure it.

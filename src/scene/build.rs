@@ -172,7 +172,8 @@ impl Scene {
             let is_opaque = is_opaque(s.material);
             place(s, is_opaque, origin, &mut dropped_triangles, &mut warnings)
         });
-        let shapes: Vec<Shape> = placed.collect();
+        let mut shapes: Vec<Shape> = placed.collect();
+        dropped_triangles += drop_covered(&mut shapes, is_opaque, &mut warnings);
         let is_one_sided = |s: &Shape| is_opaque(s.material) && !materials[s.material.0 as usize].two_sided;
         warnings.extend(shapes.iter().filter(|s| is_one_sided(s)).filter_map(mixed_sides));
 
@@ -203,6 +204,25 @@ impl Scene {
             warnings,
         })
     }
+}
+
+/// Drops triangles of opaque shapes that an earlier opaque shape has as well, with a warning for each shape; how many there were.
+fn drop_covered(shapes: &mut [Shape], is_opaque: impl Fn(MaterialId) -> bool, warnings: &mut Vec<String>) -> usize {
+    let mut meshes: Vec<Option<&mut Mesh>> = shapes
+        .iter_mut()
+        .map(|shape| match &mut shape.surface {
+            ShapeSurface::Mesh(mesh) if is_opaque(shape.material) => Some(mesh),
+            _ => None,
+        })
+        .collect();
+    let dropped = repair::drop_covered(&mut meshes);
+    for (shape, &(count, first)) in shapes.iter().zip(&dropped).filter(|(_, (count, _))| *count > 0) {
+        warnings.push(format!(
+            "shape \"{}\": {count} of its triangles repeat those of shape \"{}\", which is seen there, and were dropped",
+            shape.id, shapes[first].id
+        ));
+    }
+    dropped.iter().map(|(count, _)| count).sum()
 }
 
 /// What to tell of a one-sided shape whose triangles do not all have the same side up. Vertex normals would say which side is meant.

@@ -189,7 +189,7 @@ pub fn quick(spp: u32, patch_size: f64) -> RenderSettings {
 /// # Errors
 /// As [`render`].
 pub fn picture(scene: Scene, settings: &RenderSettings) -> Result<Rendered, PipelineError> {
-    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {})
+    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _, _| {})
 }
 
 /// Pass one with all emitters left to form factors: its source then has no noise where rows are closed.

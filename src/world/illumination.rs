@@ -28,7 +28,7 @@ pub struct DirectSampling {
 
 impl DirectSampling {
     /// Where the camera looks. Four lights: one with more than a quarter of the likely contribution is then always among those sampled.
-    pub const SEEN: Self = Self { lights_per_point: 4, sky_rays: 4, in_passing: false };
+    pub const SEEN: Self = Self { lights_per_point: 4, sky_rays: 2, in_passing: false };
     /// At the many points of a patch.
     pub const OF_PATCHES: Self = Self { sky_rays: 1, ..Self::SEEN };
 }

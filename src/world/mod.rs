@@ -6,6 +6,7 @@ pub mod flat;
 pub mod illumination;
 pub mod interaction;
 pub mod partition;
+pub mod plane_mirrors;
 pub mod shading;
 pub mod sight;
 mod sky_guide;

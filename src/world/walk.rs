@@ -13,7 +13,7 @@ const ROULETTE_AFTER: u32 = 8;
 const LONGEST: u32 = 512;
 
 /// Counts of rays, added up over a run.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct RayCounts {
     /// Rays from the camera.
     pub camera: u64,

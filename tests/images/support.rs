@@ -43,7 +43,7 @@ impl Shot {
 
 /// Renders a scene of the project as its file says, but for `shot`.
 pub fn rendered(shot: &Shot) -> Rendered {
-    rendered_with(shot, &mut |_, _| {})
+    rendered_with(shot, &mut |_, _, _| {})
 }
 
 /// As [`rendered`]; `snapshot` sees the film after every pass.

@@ -24,6 +24,12 @@ fn path_tracing_is_unbiased_in_the_cornell_box() {
     is_unbiased("cornell-box", Method::Path, 8, 138);
 }
 
+/// Whatever pass one has wrong: it is a control variate.
+#[test]
+fn two_passes_can_be_unbiased() {
+    is_unbiased("cornell-box", Method::TwoPassUnbiased, 8, 138);
+}
+
 /// Caustics and light behind a door are found from the lamps, and all ways to make a path share it.
 #[test]
 fn walks_from_both_ends_are_unbiased() {
@@ -37,7 +43,7 @@ fn slope(sampler: SamplerKind) -> f64 {
     let [a, b] = reference("cornell-box");
     let mut points: Vec<(f64, f64)> = Vec::new();
     let shot = Shot { spp: 64, method: Method::Path, sampler, ..Shot::new("cornell-box") };
-    rendered_with(&shot, &mut |film, _| {
+    rendered_with(&shot, &mut |film, _, _| {
         let n = film.n_passes();
         if n >= 4 && n.is_power_of_two() {
             let comparison = Comparison { image: &film.image(), a: &a, b: Some(&b), left_out: None, emitters: None };

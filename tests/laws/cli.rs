@@ -43,7 +43,13 @@ impl Place {
         (out, err)
     }
 
-    fn names(&self) -> Vec<String> {
+    /// Runs a line of bash, whose `ulimit` and `trap` set what a process is born with.
+    pub(super) fn shell(&self, script: &str) -> Output {
+        let mut command = Command::new("bash");
+        command.args(["-c", script]).current_dir(self.0.path()).stdin(Stdio::null()).output().expect("bash is there")
+    }
+
+    pub(super) fn names(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.0.path()).expect("readable");
         let mut names: Vec<String> = entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect();
         names.sort();
@@ -184,7 +190,6 @@ fn wrong_usage_exits_with_2() {
         "render room.xml -D angle=3",
         "render room.xml -q -v",
         "render room.xml --plan fuller",
-        "render room.xml --resume",
         "render room.xml --solver magic",
         "render room.xml --form-factors magic",
         "form-factors room.xml --by face",
@@ -310,6 +315,9 @@ fn solve_and_info_say_what_they_found() {
     place.write("room.xml", &room(LAMP));
     let (out, _) = place.expect(0, &format!("solve room.xml {QUICK} --report r.json"));
     assert!(value(&out, "patches") > 20.0 && out.contains("converged true"), "{out}");
+    // Walls and lamp of reflectance 0.5 in a closed room: (1 + 0.5)/(1 - 0.5).
+    assert!((value(&out, "condition") - 3.0).abs() < 0.01, "{out}");
+    assert!(value(&out, "closure_influence") < 1e-6 && value(&out, "error_bound") < 1e-4, "{out}");
     let (out, _) = place.expect(0, "info room.xml");
     assert_eq!(value(&out, "triangles"), 14.0);
     let (out, _) = place.expect(0, "info room.xml --json");
@@ -390,7 +398,7 @@ fn a_signal_ends_the_run_and_keeps_the_picture() {
         let (got, wall) = exit_code_after(signal, &place);
         assert_eq!(got, Some(code), "{signal}");
         assert!(wall < Duration::from_secs(10), "took {wall:?}");
-        assert_eq!(place.names(), ["r.json", "room.exr", "room.png", "room.xml"], "no temporary files are left");
+        assert_eq!(place.names(), ["r.json", "room.exr", "room.png", "room.resume", "room.xml"], "no temporary files are left");
         let image = read_exr(&place.path("room.exr")).expect("whole");
         assert!(image.pixels().iter().any(|p| p[0] > 0.0));
         let report = std::fs::read_to_string(place.path("r.json")).expect("a report");

@@ -54,6 +54,8 @@ fn what_is_read_between_records_is_the_irradiance_there() {
         caustics: None,
         ambient: 0.0,
         below: None,
+        residual: None,
+        smooth: None,
         stages: std::marker::PhantomData,
     };
     let fill =

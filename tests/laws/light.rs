@@ -39,7 +39,7 @@ fn divided(scene: Scene, share: f64, settings: &RenderSettings) -> Image {
     let partition = EmitterPartition::new(&scene, share);
     let world = World::with_partition(scene, AccelKind::Obvhs, partition).expect("builds");
     let clocks = Clocks::start(process_cpu_seconds);
-    render_world(world, settings, &clocks, StageCosts::default(), &mut silent, &mut |_, _| {}).expect("renders").film.image()
+    render_world(world, settings, &clocks, StageCosts::default(), &mut silent, &mut |_, _, _| {}).expect("renders").film.image()
 }
 
 /// CIE 171:2006 test 5.2, [physical_checks.csv cie171_5.2_A..J]: Lambertian source of 1000 cd at 3 m; E = I0 h²/d⁴. A small

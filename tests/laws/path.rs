@@ -55,7 +55,7 @@ fn both_ways_to_a_lamp_give_the_same_light() {
         let clocks = Clocks::start(twopass::run_report::process_cpu_seconds);
         let silent = &mut twopass::progress::silent;
         let film =
-            render_world(world, &settings(256), &clocks, StageCosts::default(), silent, &mut |_, _| {}).expect("renders").film;
+            render_world(world, &settings(256), &clocks, StageCosts::default(), silent, &mut |_, _, _| {}).expect("renders").film;
         let (image, spread) = (film.image(), film.variance_image());
         let sum = |i: &twopass::film::Image| i.pixels().iter().map(|p| f64::from(p[1])).sum::<f64>();
         let n = image.pixels().len() as f64;

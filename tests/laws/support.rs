@@ -120,7 +120,7 @@ pub fn quick(spp: u32, patch_size: f64) -> RenderSettings {
 
 /// Renders without anybody watching.
 pub fn run(scene: Scene, settings: &RenderSettings) -> Rendered {
-    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _| {}).expect("renders")
+    render(scene, settings, &Clocks::start(process_cpu_seconds), &mut silent, &mut |_, _, _| {}).expect("renders")
 }
 
 /// Probability below which a chi² test fails: a correct sampler fails once in ten thousand seeds, and the seeds are fixed.

@@ -3,6 +3,8 @@
 #[path = "../laws/support.rs"]
 #[expect(dead_code, reason = "shared with the other laws")]
 mod support;
+mod usage;
+mod virtual_rooms;
 
 use glam::DVec3;
 use support::{Room, furnace, quick, run};
@@ -238,6 +240,25 @@ fn paths_are_chosen_by_their_letters() {
             assert!((got - want).abs() < 1e-6, "{text}: {got}, expected {want}");
         }
     }
+}
+
+/// Letters are read from the lamp, though a path tracer meets them from the eye: a mirror behind a diffuse surface is not one before it.
+#[test]
+fn paths_are_read_from_the_lamp() {
+    // The camera looks down at a floor that the lamp lights only by a mirror: LSDE, and never LDSE.
+    let mut room = Room::new(DVec3::new(0.0, 1.0, -0.9), DVec3::new(0.0, 0.0, 0.3), 16);
+    let (grey, mirror) = (room.grey(0.5), room.mirror(1.0));
+    room.quad(DVec3::new(-1.0, 0.0, -1.0), DVec3::Z * 2.0, DVec3::X * 2.0, grey, 0.0);
+    room.quad(DVec3::new(-0.2, 0.1, -0.2), DVec3::Z * 0.4, DVec3::X * 0.4, grey, 10.0);
+    room.quad(DVec3::new(-1.0, 2.0, -1.0), DVec3::X * 2.0, DVec3::Z * 2.0, mirror, 0.0);
+    let brings = |text: &str| {
+        let paths = Some(PathFilter::new(text).expect("well formed"));
+        let methods = MethodSettings { paths, ..MethodSettings::default() };
+        mean(&run(room.scene(), &RenderSettings { methods, ..settings(Method::Path, 64) }).film).0
+    };
+    let (by_mirror, in_mirror) = (brings("LSDE"), brings("LDSE"));
+    assert!(by_mirror > 0.0 && in_mirror == 0.0, "LSDE {by_mirror}, expected light; LDSE {in_mirror}, expected none");
+    assert_eq!(brings("LMDE"), by_mirror, "the mirror is flat");
 }
 
 /// What the table says that a method carries is what it brings, no more and no less.

@@ -26,7 +26,7 @@ pub fn list_methods() -> Result<(), Failure> {
         let error = row.error.name();
         table += &format!("{:18} {:19} {error:10} {view:16} {} ({})\n", row.name, row.paths, row.about, row.citation);
     }
-    table += "\nLight paths from the lamp L to the eye E: D diffuse or rough, S ideal mirror or glass [Heckbert90].\n";
+    table += "\nLight paths from the lamp L to the eye E: D diffuse or rough, S ideal mirror or glass, M such a mirror that is flat [Heckbert90].\n";
     print(&table)
 }
 
@@ -34,8 +34,8 @@ pub fn list_methods() -> Result<(), Failure> {
 fn pass_one_settings(args: &PassOneArgs) -> PassOneSettings {
     let mut settings = PassOneSettings::default();
     settings.patches.patch_size = args.patch_size;
-    settings.form_factors = args.form_factors;
-    settings.form_factor_tolerance = args.tolerance.unwrap_or(args.form_factors.default_tolerance());
+    settings.form_factors = args.form_factors.unwrap_or_default();
+    settings.form_factor_tolerance = args.tolerance.unwrap_or(settings.form_factors.default_tolerance());
     settings.solver.solver = args.solver;
     settings.solver.tolerance = args.solver_tolerance.unwrap_or(settings.solver.tolerance);
     settings
@@ -63,6 +63,7 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
 fn method_settings(args: &MethodArgs) -> MethodSettings {
     let mut settings = MethodSettings::default();
     settings.ambient = args.ambient.unwrap_or(settings.ambient);
+    settings.virtual_rooms.reflections = args.reflections.unwrap_or(settings.virtual_rooms.reflections);
     settings.photons = args.photons;
     let ambient = &mut settings.ambient_cache;
     ambient.bounces = args.ambient_bounces.unwrap_or(ambient.bounces);

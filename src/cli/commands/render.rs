@@ -12,20 +12,27 @@ use crate::cli::{header, report, scene_file};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use twopass::film::io::{Header, Operator, ToneMap, WriteError, probe_writable, write_exr, write_png};
+use twopass::film::lock::OutputLock;
 use twopass::film::{Film, Layer};
-use twopass::integrator::Method;
 use twopass::integrator::drive::{Budget, Clocks};
+use twopass::integrator::{Integrator, Method};
 use twopass::load::LoadedScene;
-use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::keys::{Key, StageKeys};
 use twopass::pipeline::solution_file::SolutionFile;
-use twopass::pipeline::{self, PipelineError, RenderSettings, Rendered, Whole, direct};
+use twopass::pipeline::{self, Checkpoint, PipelineError, RenderSettings, Rendered, Whole, checkpoint, direct};
 use twopass::progress::Stage;
 use twopass::run_report::{RunReport, SnapshotReport, StopReason, Stopwatch, process_cpu_seconds};
 use twopass::scene::Scene;
 use twopass::world::walk::RayCounts;
 
-/// Most pixels of a picture: the film holds 256 bytes for each, the file's layers another 100.
+/// Most pixels of a picture.
 const MOST_PIXELS: usize = 1 << 26;
+
+/// Bytes for each of them: the film holds 256, the samples of a pass 192, the layers of the file 100.
+const PIXEL_BYTES: u64 = 550;
+
+/// Bytes for a triangle: its corners and normals, twice, and its part of the tree.
+const TRIANGLE_BYTES: u64 = 200;
 
 /// What a render is to do, and for whom.
 struct Job<'a> {
@@ -34,6 +41,8 @@ struct Job<'a> {
     settings: RenderSettings,
     targets: Targets,
     interrupt: &'a Interrupt,
+    /// What the bits of the picture depend on.
+    key: Key,
 }
 
 /// Runs the subcommand.
@@ -42,6 +51,10 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     let scene = args.scene.as_deref().ok_or_else(|| Failure::Usage("expected a scene".to_owned()))?;
     let targets = Targets::new(scene, args.output.as_deref());
     targets.probe(common)?;
+    let lock = OutputLock::take(&targets.exr)?;
+    if let Some(lock) = &lock {
+        lock.sweep(&[&targets.exr, &targets.png, &targets.resume]);
+    }
     if !args.snapshots_cpu.is_sorted() {
         return Err(Failure::Usage("--snapshots-cpu: expected ascending times".to_owned()));
     }
@@ -53,16 +66,21 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     if args.methods.paths.is_some() && args.method != Method::Path {
         return Err(Failure::Usage(format!("--paths: expected --method path; {} carries what it carries", args.method.name())));
     }
-    let mut job = Job { common, args, settings, targets, interrupt: &interrupt };
+    let mut job = Job { common, args, settings, targets, interrupt: &interrupt, key: Key::default() };
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, scene, &args.source)?;
     // The file's crop is in pixels of the file's own size.
     if job.settings.size.is_none() {
         job.settings.crop = job.settings.crop.or(loaded.crop);
     }
-    check_size(&loaded, &job.settings)?;
     let mut loaded = loaded;
+    check_size(&loaded, &mut job.settings)?;
     let kept = args.solution.as_deref().map(|path| kept(path, &mut loaded.scene, &mut job)).transpose()?;
+    let also = format!("{:?}", (args.solution.is_some(), &args.light));
+    job.key = checkpoint::key(loaded.hash, &job.settings, &also);
+    if args.resume {
+        job.settings.resume = Some(Checkpoint::read(&job.targets.resume, &job.key)?);
+    }
     let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
     describe(&mut run_report, &job);
     match render(&job, loaded, kept) {
@@ -78,6 +96,8 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
 struct Targets {
     exr: PathBuf,
     png: PathBuf,
+    /// State of an unfinished run.
+    resume: PathBuf,
 }
 
 impl Targets {
@@ -86,7 +106,7 @@ impl Targets {
         let known = base.extension().is_some_and(|e| e == "exr" || e == "png");
         let stem = if known { base.with_extension("") } else { base };
         let with = |extension: &str| PathBuf::from(format!("{}.{extension}", stem.display()));
-        Self { exr: with("exr"), png: with("png") }
+        Self { exr: with("exr"), png: with("png"), resume: with("resume") }
     }
 
     /// What cannot be written is found before anything is computed.
@@ -117,11 +137,25 @@ fn tone_map(args: &RenderArgs) -> ToneMap {
     ToneMap { exposure: args.exposure, operator }
 }
 
-fn check_size(loaded: &LoadedScene, settings: &RenderSettings) -> Result<(), Failure> {
+/// Refuses what is too large before it is allocated, and leaves the rest of the memory to pass one.
+fn check_size(loaded: &LoadedScene, settings: &mut RenderSettings) -> Result<(), Failure> {
     let (width, height) = settings.size.unwrap_or((loaded.scene.film.width, loaded.scene.film.height));
     let pixels = settings.crop.map_or(width.saturating_mul(height), |[_, _, w, h]| w.saturating_mul(h));
     if pixels > MOST_PIXELS {
         return Err(Failure::Limit(format!("{pixels} pixels are over the limit of {MOST_PIXELS}; render parts with --crop")));
+    }
+    let triangles = loaded.scene.n_triangles() as u64;
+    let taken = pixels as u64 * PIXEL_BYTES + triangles * TRIANGLE_BYTES;
+    if let Some(limit) = settings.pass_one.max_memory {
+        if taken > limit {
+            return Err(Failure::Limit(format!(
+                "a picture of {pixels} pixels of a scene of {triangles} triangles would take {} MB, more than the {} MB of --max-memory; \
+                 --size and --crop take less",
+                taken / 1_000_000,
+                limit / 1_000_000
+            )));
+        }
+        settings.pass_one.max_memory = Some(limit - taken);
     }
     Ok(())
 }
@@ -132,6 +166,10 @@ fn check_solution_flags(args: &RenderArgs, has_first_pass: bool) -> Result<(), F
         return Err(Failure::Usage(format!(
             "{flag} says how pass one is done, which --solution brings with it: give one of them"
         )));
+    }
+    if args.method == Method::TwoPassPlanar {
+        let message = "a kept solution holds light by way of all mirrors and glass, which two-pass-planar does not carry; expected two-pass-general";
+        return Err(Failure::Usage(message.to_owned()));
     }
     match has_first_pass {
         true => Ok(()),
@@ -163,6 +201,7 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
     report::set(run_report, "max_depth", depth);
     report::set(run_report, "gather_rays", settings.gather_rays);
+    report::set(run_report, "reflections", args.methods.reflections);
     report::set(run_report, "ambient", args.methods.ambient);
     report::set(run_report, "photons", args.methods.photons);
     report::set(run_report, "ambient_bounces", args.methods.ambient_bounces);
@@ -181,15 +220,17 @@ fn render(
     loaded: LoadedScene,
     kept: Option<Whole>,
 ) -> Result<(Rendered, Result<Vec<SnapshotReport>, WriteError>), PipelineError> {
-    let clocks = Clocks::start(process_cpu_seconds);
+    let spent = job.settings.resume.as_ref().map_or((0.0, 0.0), |checkpoint| checkpoint.spent);
+    let clocks = Clocks::start(process_cpu_seconds).after(spent);
     let mut observer = observer(Display::new(job.common), job.interrupt);
     let mut last = Instant::now();
     let mut snapshots = Snapshots::new(&clocks, &job.targets.exr, &job.args.snapshots_cpu);
-    let mut snapshot = |film: &Film, counts: &RayCounts| {
+    let mut snapshot = |film: &Film, counts: &RayCounts, method: &dyn Integrator| {
         snapshots.look(film, counts);
         let Some(interval) = job.args.partial_every else { return };
         if last.elapsed() >= Duration::from_secs_f64(interval) {
             write_partial(job, film);
+            keep(job, (film, counts), &method.state(), &clocks);
             last = Instant::now();
         }
     };
@@ -199,7 +240,18 @@ fn render(
         None => pipeline::render(scene, settings, &clocks, &mut observer, &mut snapshot)?,
     };
     let snapshots = snapshots.finish(report::rays(&rendered.counts));
+    if let Some((counts, state)) = &rendered.unfinished {
+        keep(job, (&rendered.film, counts), state, &clocks);
+    }
     Ok((rendered, snapshots))
+}
+
+/// Writes what another process needs to go on. A failure is said and not fatal.
+fn keep(job: &Job, so_far: (&Film, &RayCounts), state: &[u8], clocks: &Clocks) {
+    let written = checkpoint::write(&job.targets.resume, &job.key, so_far, state, (clocks.wall(), clocks.cpu()));
+    if let Err(error) = written {
+        say(job.common, &format!("warning: the state of the run was not written: {error}"));
+    }
 }
 
 /// Writes the picture so far. A failure is said and not fatal: the run may still end well.
@@ -235,6 +287,10 @@ fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(
     });
     report::finish(job.common, &mut run_report)?;
     written?;
+    if rendered.complete && (job.args.resume || job.args.partial_every.is_some()) {
+        // It was of this run, which is done.
+        let _ = std::fs::remove_file(&targets.resume);
+    }
     let spent = run_report.total();
     let done = format!(
         "{} and {}: {} samples per pixel in {:.1} s ({:.1} CPU s)",
@@ -245,7 +301,7 @@ fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(
         spent.cpu_s
     );
     say(job.common, &format!("wrote {done}"));
-    report::verdict(&run_report, job.interrupt, "the picture so far is kept")
+    report::verdict(&run_report, job.interrupt, "the picture so far is kept, and --resume goes on from there")
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use crate::cli::{report, scene_file};
 use std::io::Write as _;
 use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
+use twopass::patch::PatchMesh;
 use twopass::pipeline::keys::StageKeys;
 use twopass::pipeline::solution_file::{self, Meta, SolutionFile};
 use twopass::pipeline::{self, Kept, PassOneSettings, PipelineError, Solved, StageCosts, surface_points};
@@ -28,25 +29,35 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let loaded = scene_file::load(common, &args.scene, &args.source)?;
     let mut settings = render_settings(common, &args.pass_one, None);
     settings.pass_one.by_light = args.output.is_some();
+    let mut run_report = report::begin(common, &loaded, "solve", watch.elapsed());
+    report::set_pass_one(&mut run_report, &args.pass_one);
+    let mut costs = StageCosts::default();
+    let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
+    if args.pass_one.form_factors.is_none() && args.pass_one.tolerance.is_none() {
+        settings.pass_one.choose_form_factors(&world);
+        report::set(&mut run_report, "form_factors", settings.pass_one.form_factors.name());
+    }
     // How much memory there is decides nothing about the solution.
     let meta = Meta { settings: PassOneSettings { max_memory: None, ..settings.pass_one }, seed: settings.seed };
-    let keys = args.output.as_ref().map(|_| StageKeys::of(&loaded.scene, &meta.settings, meta.seed));
+    let keys = args.output.as_ref().map(|_| StageKeys::of(world.scene(), &meta.settings, meta.seed));
+    let reading = Stopwatch::start();
     let old = args.output.as_deref().filter(|path| path.exists()).map(SolutionFile::read).transpose()?;
-    let kept = match (&old, &keys) {
+    let mut kept = match (&old, &keys) {
         (Some(old), Some(keys)) => old.still_good(keys)?,
         _ => Kept::default(),
     };
-    let mut run_report = report::begin(common, &loaded, "solve", watch.elapsed());
-    report::set_pass_one(&mut run_report, &args.pass_one);
+    run_report.add_time(Stage::Load, reading.elapsed());
+    if kept.form_factors.is_none() {
+        // Counted before memory is refused or taken: patches alone are a small part of it.
+        if kept.patches.is_none() {
+            let patches = costs.time(Stage::Patches, || PatchMesh::build(&world, &settings.pass_one.patches));
+            kept.fresh = Some(patches.map_err(PipelineError::from)?);
+        }
+        let patches = kept.patches.as_ref().or(kept.fresh.as_ref()).map_or(0, PatchMesh::len);
+        say(common, &format!("pass one: {patches} patches, at most {} MB", settings.pass_one.predicted(patches) / 1_000_000));
+    }
 
     let mut observer = observer(Display::new(common), &interrupt);
-    let mut costs = StageCosts::default();
-    let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
-    if !common.quiet && kept.form_factors.is_none() {
-        // Counted before it is refused or taken: patches alone are a small part of it.
-        let (patches, bytes) = settings.pass_one.predicted(&world)?;
-        say(common, &format!("pass one: {patches} patches, at most {} MB", bytes / 1_000_000));
-    }
     let solved = pipeline::solve_from(world, &settings, kept, costs, &mut observer);
     let solved = solved.map_err(|error| report::no_result(common, &mut run_report, &interrupt, error))?;
     drop(observer);
@@ -100,6 +111,8 @@ fn summary(run_report: &RunReport) -> String {
         lines.push(("solver", solver.method.clone()));
         lines.push(("sweeps", solver.sweeps.to_string()));
         lines.push(("error_bound", short(solver.error_bound)));
+        lines.push(("condition", short(solver.condition)));
+        lines.push(("closure_influence", short(solver.closure_influence)));
         lines.push(("converged", solver.converged.to_string()));
     }
     if let Some(power) = &run_report.power {

@@ -31,6 +31,8 @@ pub struct Plan {
     pub repeats: u32,
     /// Points at which solutions of pass one are compared.
     pub points: u32,
+    /// The clock that the page shows first, by its name there; empty: CPU time.
+    pub clock: String,
     /// Scenes, in order.
     pub scenes: Vec<ScenePlan>,
     /// Methods, in order.

@@ -2,6 +2,7 @@
 
 use super::table::{Fault, Field, Table, line_of};
 use super::{Flags, MethodKind, MethodPlan, Plan, Reading, ReferenceSolution, ScenePlan, Tuning, Verdict, combinations, words};
+use crate::experiment::report::curves::Clock;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::de::DeTable;
@@ -41,8 +42,9 @@ const RESERVED: [&str; 22] = [
     "resume",
 ];
 
-const PLAN_KEYS: [&str; 12] = [
+const PLAN_KEYS: [&str; 13] = [
     "title",
+    "clock",
     "threads",
     "seeds",
     "repeats",
@@ -89,6 +91,7 @@ pub fn plan(text: &str, folder: &Path, reading: &Reading<'_>) -> Result<Plan, Fa
     let mut common = Tuning { timeout: Some(TIMEOUT), ..Tuning::default() };
     budgets(&mut root, &mut common)?;
     let title = root.read("title", Field::text)?.unwrap_or_else(|| "Error against run time".to_owned());
+    let clock = root.read("clock", clock)?.unwrap_or_default();
     let threads = root.read("threads", |f| f.whole(0))?.unwrap_or(0) as usize;
     let seeds = root.read("seeds", |f| f.one_or_more(|f| f.whole(0)))?.unwrap_or_else(|| vec![0]);
     let repeats = root.read("repeats", Field::count)?.unwrap_or(1);
@@ -123,12 +126,23 @@ pub fn plan(text: &str, folder: &Path, reading: &Reading<'_>) -> Result<Plan, Fa
         seeds,
         repeats,
         points,
+        clock,
         scenes,
         methods,
         left_out,
     };
     check(&plan)?;
     Ok(plan)
+}
+
+/// The name of a clock.
+fn clock(field: &Field<'_>) -> Result<String, Fault> {
+    let known = Clock::ALL.map(Clock::key);
+    field
+        .text()
+        .ok()
+        .filter(|name| known.contains(&name.as_str()))
+        .ok_or_else(|| field.expected(&format!("one of {}", known.join(", "))))
 }
 
 /// What only the whole plan shows.

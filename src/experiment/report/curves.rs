@@ -1,7 +1,7 @@
 //! From rows to curves of error against time, and from curves to the figures of the tables.
 
 use super::analysis::{self, Point, Prediction, Reach, Slope};
-use crate::experiment::{Row, Status};
+use crate::experiment::{Row, RowKind, Status};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -19,13 +19,34 @@ pub enum Clock {
     CpuWithoutPassOne,
     /// CPU time of pass two alone.
     CpuPassTwo,
+    /// CPU time of pass one's solver alone.
+    CpuSolver,
+    /// No time: products with the form factors that the solver took, each about as long as any other.
+    Products,
     /// Wall time of everything after loading.
     Wall,
 }
 
 impl Clock {
     /// All clocks, the first being the default.
-    pub const ALL: [Clock; 5] = [Clock::Cpu, Clock::CpuWithoutTree, Clock::CpuWithoutPassOne, Clock::CpuPassTwo, Clock::Wall];
+    pub const ALL: [Clock; 7] = [
+        Clock::Cpu,
+        Clock::CpuWithoutTree,
+        Clock::CpuWithoutPassOne,
+        Clock::CpuPassTwo,
+        Clock::CpuSolver,
+        Clock::Products,
+        Clock::Wall,
+    ];
+
+    /// True if it says something about one of the rows that it does not say of all of them.
+    pub fn tells(self, rows: &[Row]) -> bool {
+        match self {
+            Clock::CpuSolver => rows.iter().any(|row| row.solve_cpu_s.is_some() && row.kind == RowKind::PassOne),
+            Clock::Products => rows.iter().any(|row| row.products.is_some() && row.kind == RowKind::PassOne),
+            _ => true,
+        }
+    }
 
     /// Name in the page's data.
     pub fn key(self) -> &'static str {
@@ -34,7 +55,22 @@ impl Clock {
             Clock::CpuWithoutTree => "cpu-without-tree",
             Clock::CpuWithoutPassOne => "cpu-without-pass-one",
             Clock::CpuPassTwo => "cpu-pass-two",
+            Clock::CpuSolver => "cpu-solver",
+            Clock::Products => "products",
             Clock::Wall => "wall",
+        }
+    }
+
+    /// Its axis in plots.
+    pub fn axis(self) -> &'static str {
+        match self {
+            Clock::Cpu => "CPU time [s]",
+            Clock::CpuWithoutTree => "CPU time without tree [s]",
+            Clock::CpuWithoutPassOne => "CPU time without pass one [s]",
+            Clock::CpuPassTwo => "CPU time of pass two [s]",
+            Clock::CpuSolver => "CPU time of the solver [s]",
+            Clock::Products => "products with the form factors",
+            Clock::Wall => "wall time [s]",
         }
     }
 
@@ -46,6 +82,8 @@ impl Clock {
             Clock::CpuWithoutTree => row.cpu_s - tree,
             Clock::CpuWithoutPassOne => row.cpu_s - pass_one,
             Clock::CpuPassTwo => row.cpu_s - tree - pass_one,
+            Clock::CpuSolver => row.solve_cpu_s.unwrap_or(row.cpu_s),
+            Clock::Products => row.products.map_or(1.0, |n| n as f64),
             Clock::Wall => row.wall_s,
         }
     }

@@ -23,6 +23,7 @@ const SCRIPTS: [&str; 6] = [
 struct Data<'a> {
     title: &'a str,
     plan: &'a str,
+    clock: &'a str,
     environment: &'a BTreeMap<String, String>,
     methods: Vec<(String, String)>,
     rows: &'a [Row],
@@ -64,6 +65,7 @@ pub fn text(outcome: &Outcome, gallery: &Gallery, plots: &[Vec<String>]) -> Stri
     let data = Data {
         title: &outcome.title,
         plan: &outcome.plan,
+        clock: &outcome.clock,
         environment: &outcome.environment,
         rows: &outcome.rows,
         scenes: outcome.scenes.iter().enumerate().map(scene).collect(),
@@ -98,7 +100,7 @@ fn scene_data<'a>(outcome: &Outcome, record: &'a SceneRecord, names: &[String], 
     let failed = |(_, row): &(usize, &Row)| row.scene == record.name && row.status != Status::Done;
     SceneData {
         record,
-        charts: Clock::ALL.into_iter().map(charts_of).collect(),
+        charts: Clock::ALL.into_iter().filter(|clock| clock.tells(&outcome.rows)).map(charts_of).collect(),
         predictions: curves::predictions(&outcome.rows, &record.name, names),
         failed: outcome.rows.iter().enumerate().filter(failed).map(|(i, _)| i).collect(),
         plots,

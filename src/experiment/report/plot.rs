@@ -43,13 +43,15 @@ const SHOWN: [(&str, &str); 4] = [
 pub fn write_all(outcome: &Outcome, folder: &Path) -> Result<Vec<Vec<String>>, WriteError> {
     let names: Vec<String> = methods(outcome).into_iter().map(|(name, _)| name).collect();
     let fonts = fonts();
+    let asked = Clock::ALL.into_iter().find(|clock| clock.key() == outcome.clock && clock.tells(&outcome.rows));
+    let clock = asked.unwrap_or(Clock::Cpu);
     let mut all = Vec::new();
     for (i, scene) in outcome.scenes.iter().enumerate() {
         let mut of_scene = Vec::new();
         for (key, axis) in SHOWN {
             let metric = METRICS.iter().find(|m| m.key == key).expect("every shown metric is one of the metrics");
-            let Some(chart) = curves::chart(&outcome.rows, &scene.name, &names, metric, Clock::Cpu) else { continue };
-            let text = svg(scene, &chart, &names, metric, axis);
+            let Some(chart) = curves::chart(&outcome.rows, &scene.name, &names, metric, clock) else { continue };
+            let text = svg(scene, &chart, &names, metric, [clock.axis(), axis]);
             let name = format!("plots/{}-{key}", file_name(outcome, i));
             atomic_write(&folder.join(format!("{name}.svg")), |file| Ok(file.write_all(text.as_bytes())?))?;
             atomic_write(&folder.join(format!("{name}.png")), |file| {
@@ -136,7 +138,7 @@ fn tick_text((digit, exponent): (u32, i32)) -> String {
     format!("{factor}10<tspan dy=\"-5\" font-size=\"9\">{}</tspan>", exponent.to_string().replace('-', "−"))
 }
 
-fn svg(scene: &SceneRecord, chart: &Chart, names: &[String], metric: &Metric, axis_name: &str) -> String {
+fn svg(scene: &SceneRecord, chart: &Chart, names: &[String], metric: &Metric, axes: [&str; 2]) -> String {
     let points = || chart.curves.iter().flat_map(|c| &c.points);
     let errors = points().flat_map(|p| [p.error, p.errors[0], p.errors[1]]).filter(|e| *e > 0.0);
     let error_range = super::analysis::range(errors).unwrap_or([0.1, 1.0]);
@@ -154,7 +156,7 @@ fn svg(scene: &SceneRecord, chart: &Chart, names: &[String], metric: &Metric, ax
         h = SIZE[1]
     );
     text += &format!("<text x=\"{left}\" y=\"24\" font-size=\"16\" font-weight=\"bold\">{}</text>\n", html(&scene.name));
-    text += &frame(&x, &y, axis_name);
+    text += &frame(&x, &y, axes);
     if metric.key == "relmse" {
         text += &noise_line(scene, &x, &y);
     }
@@ -163,7 +165,7 @@ fn svg(scene: &SceneRecord, chart: &Chart, names: &[String], metric: &Metric, ax
     text + "</svg>\n"
 }
 
-fn frame(x: &Axis, y: &Axis, axis_name: &str) -> String {
+fn frame(x: &Axis, y: &Axis, [x_name, y_name]: [&str; 2]) -> String {
     let (left, right, bottom, top) = (x.start, x.end, y.start, y.end);
     let mut text = String::new();
     let shade = |digit: u32| if digit == 1 { "#d9d9d9" } else { "#f0f0f0" };
@@ -188,8 +190,8 @@ fn frame(x: &Axis, y: &Axis, axis_name: &str) -> String {
     }
     let (centre, middle) = (0.5 * (left + right), 0.5 * (top + bottom));
     text += &format!("<path d=\"M{left} {top}V{bottom}H{right:.2}\" fill=\"none\" stroke=\"#444\"/>\n");
-    text += &format!("<text x=\"{centre:.2}\" y=\"{}\" text-anchor=\"middle\">CPU time [s]</text>\n", bottom + 44.0);
-    text + &format!("<text transform=\"translate(18 {middle:.2}) rotate(-90)\" text-anchor=\"middle\">{axis_name}</text>\n")
+    text += &format!("<text x=\"{centre:.2}\" y=\"{}\" text-anchor=\"middle\">{x_name}</text>\n", bottom + 44.0);
+    text + &format!("<text transform=\"translate(18 {middle:.2}) rotate(-90)\" text-anchor=\"middle\">{y_name}</text>\n")
 }
 
 fn noise_line(scene: &SceneRecord, x: &Axis, y: &Axis) -> String {

@@ -1,7 +1,7 @@
 use super::curves::{Clock, METRICS, chart};
 use super::encode::{half_floats, reduced};
 use super::*;
-use crate::experiment::{Row, SceneRecord, Status};
+use crate::experiment::{Row, RowKind, SceneRecord, Status};
 use crate::film::io::{Header, write_exr};
 use crate::film::{Image, Layer};
 use base64::Engine;
@@ -76,9 +76,14 @@ fn medians_over_seeds_make_the_curve() {
 #[test]
 fn clocks_leave_out_what_their_names_say() {
     let row = Row { cpu_s: 10.0, wall_s: 6.0, tree_cpu_s: Some(1.0), pass_one_cpu_s: Some(3.0), ..Row::default() };
-    assert_eq!(Clock::ALL.map(|c| c.seconds(&row)), [10.0, 9.0, 7.0, 6.0, 6.0]);
+    let row = Row { solve_cpu_s: Some(0.5), products: Some(12), ..row };
+    assert_eq!(Clock::ALL.map(|c| c.seconds(&row)), [10.0, 9.0, 7.0, 6.0, 0.5, 12.0, 6.0]);
     let untold = Row { cpu_s: 10.0, wall_s: 6.0, ..Row::default() };
-    assert_eq!(Clock::ALL.map(|c| c.seconds(&untold)), [10.0, 10.0, 10.0, 10.0, 6.0]);
+    assert_eq!(Clock::ALL.map(|c| c.seconds(&untold)), [10.0, 10.0, 10.0, 10.0, 10.0, 1.0, 6.0]);
+    // Of the solver only rows of pass one speak.
+    let tells = |kind| Clock::ALL.map(|c| c.tells(&[Row { kind, ..row.clone() }]));
+    assert_eq!(tells(RowKind::PassOne), [true; 7]);
+    assert_eq!(tells(RowKind::default()), [true, true, true, true, false, false, true]);
 }
 
 #[test]

@@ -15,6 +15,8 @@ use rayon::prelude::*;
 
 /// Rays of a group that say whether there is anything but patches to be seen.
 const SCOUTS: u32 = 64;
+/// A group that gets more rays than others has at most so many times as many.
+const MOST_TIMES: u32 = 64;
 /// Groups aimed at.
 const GROUPS: usize = 8192;
 /// Groups are parted where a wall parts more than an eighth of them: the root of twice that share.
@@ -54,6 +56,8 @@ struct Seen {
 struct Cast {
     seen: Seen,
     entries: [Vec<(u32, [f32; 3])>; 2],
+    /// Variance of the mean of what arrived, averaged over channels [W² m⁻⁴ sr⁻²].
+    noise: f64,
     counts: RayCounts,
 }
 
@@ -93,6 +97,23 @@ impl Beside {
         if found.iter().any(Cast::has_light) && settings.rays > SCOUTS {
             found = all(settings.rays, mix(settings.seed));
             found.iter().for_each(|cast| *counts += cast.counts);
+            // As many rays again go to groups whose light came by few of them.
+            let spread: Vec<f64> =
+                groups.iter().zip(&found).map(|(&at, cast)| (tree.nodes[at].area * cast.noise).sqrt()).collect();
+            let more = more_rays(&spread);
+            let again: Vec<(usize, Cast)> = more
+                .par_iter()
+                .enumerate()
+                .filter(|(_, times)| **times > 1)
+                .map(|(g, times)| {
+                    let rays = settings.rays.saturating_mul(*times);
+                    (g, cast_group(world, patches, tree, groups[g], rays, mix(settings.seed), settings))
+                })
+                .collect();
+            for (g, cast) in again {
+                *counts += cast.counts;
+                found[g] = cast;
+            }
         }
         let mut beside = Self { group, weight: vec![0.0; tree.patch.len()], ..Self::default() };
         beside.rows.iter_mut().for_each(|rows| rows.start.push(0));
@@ -203,6 +224,28 @@ impl Cast {
     }
 }
 
+/// How many times the rays that it had each group should have, so that there are about twice as many in all: in proportion to `spread`, the root
+/// of what a group adds to the square of the error. Powers of two, of which the most is [`MOST_TIMES`].
+fn more_rays(spread: &[f64]) -> Vec<u32> {
+    let times = |per_spread: f64| {
+        let of = |s: &f64| (s * per_spread).clamp(1.0, f64::from(MOST_TIMES)) as u32;
+        spread.iter().map(|s| 1 << of(s).ilog2()).collect::<Vec<u32>>()
+    };
+    let largest = spread.iter().copied().fold(0.0, f64::max);
+    if largest <= 0.0 {
+        return vec![1; spread.len()];
+    }
+    // One that is cast again is cast from the start.
+    let again = |per_spread: f64| times(per_spread).iter().filter(|t| **t > 1).map(|t| f64::from(*t)).sum::<f64>();
+    // With the first none has more than it had. The factor between is sought by its logarithm.
+    let (mut low, mut high) = (1.0 / largest, 1e12 / largest);
+    for _ in 0..64 {
+        let middle = (low * high).sqrt();
+        if again(middle) > spread.len() as f64 { high = middle } else { low = middle }
+    }
+    times(low)
+}
+
 /// Rays of the group at node `at`; `rays` for one of the full area.
 fn cast_group(
     world: &World,
@@ -220,6 +263,7 @@ fn cast_group(
     let mut sums = [Sums::default(); 2];
     let mut entries: [Vec<(u32, Rgb)>; 2] = Default::default();
     let mut elsewhere = 0_u32;
+    let (mut light, mut squared) = (0.0, 0.0);
     for k in 0..rays {
         let mut sampler = Sampler::new(seed, u64::from(tree.patch[first]), u64::from(k));
         let (on_patch, towards) = (sampler.next_2d(), sampler.next_2d());
@@ -255,12 +299,15 @@ fn cast_group(
             Event::Truncated { throughput } => sums[way].truncated += throughput,
         });
         elsewhere += u32::from(way == 0);
+        light += found.mean();
+        squared += found.mean() * found.mean();
         if !found.is_black() {
             sums[way].arriving += found;
             sums[way].accepted += found * world.shading(&from).acceptance(direction);
         }
     }
     let share = 1.0 / f64::from(rays);
+    cast.noise = (squared * share - (light * share).powi(2)).max(0.0) * share;
     let narrow = |v: Rgb| (v * share).to_array().map(|v| v as f32);
     cast.seen.elsewhere = f64::from(elsewhere) * share;
     cast.seen.parts = sums.map(|s| OutsideRow {
@@ -275,4 +322,21 @@ fn cast_group(
         found.chunk_by(|a, b| a.0 == b.0).map(sum).collect()
     });
     cast
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn groups_that_know_least_get_most_rays() {
+        let mut spread = vec![1e-6; 200];
+        (spread[7], spread[70]) = (1.0, 0.1);
+        let times = more_rays(&spread);
+        assert_eq!((times[7], times[70]), (MOST_TIMES, MOST_TIMES));
+        assert!(times.iter().filter(|t| **t > 1).sum::<u32>() <= 200);
+        // All alike, or without any light: none is favoured.
+        assert_eq!(more_rays(&[0.5; 9]), [1; 9]);
+        assert_eq!(more_rays(&[0.0; 9]), [1; 9]);
+    }
 }

@@ -24,7 +24,17 @@ impl Hasher for Mixed {
 }
 
 /// One grid: cells by a hash of their coordinates. Two cells that share a hash only cost a look at more spheres.
-type Cells = HashMap<u64, Vec<u32>, BuildHasherDefault<Mixed>>;
+type Cells = HashMap<u64, Vec<Sphere>, BuildHasherDefault<Mixed>>;
+
+/// What is looked at of a sphere before the sphere itself: most that overlap a cell do not contain the point asked for, and these lie one
+/// after the other in memory.
+#[derive(Debug, Clone, Copy)]
+struct Sphere {
+    center: Vec3,
+    /// Squared radius, not less than it is.
+    radius2: f32,
+    index: u32,
+}
 
 /// Indices of spheres by place.
 #[derive(Debug, Default)]
@@ -55,10 +65,11 @@ impl Grid {
         let Level { scale, cells, .. } = &mut self.levels[at];
         let low = cell_of(center - radius, *scale);
         let high = cell_of(center + radius, *scale);
+        let sphere = Sphere { center, radius2: radius * radius * (1.0 + 16.0 * f32::EPSILON), index };
         for x in low[0]..=high[0] {
             for y in low[1]..=high[1] {
                 for z in low[2]..=high[2] {
-                    cells.entry(key([x, y, z])).or_default().push(index);
+                    cells.entry(key([x, y, z])).or_default().push(sphere);
                 }
             }
         }
@@ -75,8 +86,8 @@ impl Grid {
     pub fn visit(&self, point: Vec3, mut visit: impl FnMut(u32) -> ControlFlow<()>) {
         for level in &self.levels {
             let Some(found) = level.cells.get(&key(cell_of(point, level.scale))) else { continue };
-            for index in found {
-                if visit(*index).is_break() {
+            for sphere in found {
+                if sphere.center.distance_squared(point) <= sphere.radius2 && visit(sphere.index).is_break() {
                     return;
                 }
             }

@@ -297,7 +297,7 @@ impl Maps {
 
 impl Integrator for PhotonMapper<'_> {
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
-        if index >= self.round_end {
+        while index >= self.round_end {
             self.round += 1;
             self.round_end += 2 << self.round.min(24);
             self.maps = [None, None];

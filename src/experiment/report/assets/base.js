@@ -13,17 +13,21 @@ const METRICS = {
   flip_hdr: { name: "HDR-FLIP", axis: "mean FLIP (HDR)", squared: false, help: "perceived difference over all exposures at 67 pixels per degree" },
 };
 
-const state = { metric: "relmse", wall: false, tree: true, passOne: true, base: 0, predicted: true, band: true, hidden: new Set() };
+const state = { metric: "relmse", time: data.scenes.some((s) => s.charts[data.clock]) ? data.clock : "cpu", tree: true, passOne: true, base: 0, predicted: true, band: true, hidden: new Set() };
+
+// Beside CPU time, of which parts can be left out.
+const TIMES = { cpu: "CPU time", wall: "Wall time", "cpu-solver": "CPU time of the solver", products: "Products with the form factors" };
+const unit = () => (state.time === "products" ? "" : " [s]");
 
 function clockKey() {
-  if (state.wall) return "wall";
+  if (state.time !== "cpu") return state.time;
   if (!state.tree && !state.passOne) return "cpu-pass-two";
   if (!state.tree) return "cpu-without-tree";
   return state.passOne ? "cpu" : "cpu-without-pass-one";
 }
 
 function clockName() {
-  if (state.wall) return "Wall time";
+  if (state.time !== "cpu") return TIMES[state.time];
   const without = [state.tree ? "" : "tree", state.passOne ? "" : "pass one"].filter(Boolean);
   return "CPU time" + (without.length ? " without " + without.join(" and ") : "");
 }
@@ -67,7 +71,7 @@ function level(value) {
   return (digit === 1 ? "" : digit + "×") + "10" + superscript(exponent);
 }
 
-const seconds = (value) => (value == null ? "–" : `${number(value)} s`);
+const seconds = (value) => (value == null ? "–" : number(value) + (state.time === "products" ? "" : " s"));
 const percent = (share) => `${Math.round(100 * share)} %`;
 const bytes = (value) => (value >= 1e9 ? `${(value / 1e9).toFixed(2)} GB` : `${Math.round(value / 1e6)} MB`);
 const plural = (n, one, many = one + "s") => `${n} ${n === 1 ? one : many}`;

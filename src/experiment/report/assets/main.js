@@ -46,7 +46,7 @@ function controls() {
   const check = (label, id, key, title) => el("label", { class: "check", title }, el("input", { type: "checkbox", id, checked: state[key], onchange: (e) => { state[key] = e.target.checked; redraw(); } }), label);
   form.append(
     select("Error", "metric", present.map((key) => el("option", { value: key }, METRICS[key].name)), (value) => (state.metric = value)),
-    select("Time", "clock", [el("option", { value: "cpu" }, "CPU"), el("option", { value: "wall" }, "wall")], (value) => (state.wall = value === "wall")),
+    select("Time", "clock", Object.keys(TIMES).filter((key) => data.scenes.some((s) => s.charts[key])).map((key) => el("option", { value: key, selected: key === state.time }, TIMES[key])), (value) => (state.time = value)),
     el("fieldset", {}, el("legend", {}, "Count"), check("tree", "count-tree", "tree", "the ray engine's tree, where a method tells it apart"), check("pass one", "count-pass-one", "passOne", "patches, direct light, form factors, solver")),
     select("Compare with", "base", data.methods.map(([name], i) => el("option", { value: i }, name)), (value) => (state.base = Number(value))),
     el("fieldset", {}, el("legend", {}, "Show"), check("spread", "show-band", "band", "smallest to largest over seeds and repeats"), check("predicted", "show-predicted", "predicted", "what methods say of their own error")),
@@ -55,7 +55,7 @@ function controls() {
 }
 
 function redraw() {
-  for (const id of ["count-tree", "count-pass-one"]) document.getElementById(id).disabled = state.wall;
+  for (const id of ["count-tree", "count-pass-one"]) document.getElementById(id).disabled = state.time !== "cpu";
   const active = document.activeElement?.dataset?.method;
   const host = document.activeElement?.closest?.(".scene");
   document.getElementById("overview").replaceChildren(...[overview()].flat().filter(Boolean));

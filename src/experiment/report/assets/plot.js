@@ -48,7 +48,7 @@ function axisLabels(group, x, y, frame, metric) {
   }
   const middle = (frame.top + frame.bottom) / 2;
   group.append(svg("path", { class: "axis", d: `M${frame.left} ${frame.top}V${frame.bottom}H${frame.right}` }));
-  group.append(svg("text", { class: "title", x: (frame.left + frame.right) / 2, y: frame.bottom + 42, "text-anchor": "middle" }, `${clockName()} [s]`));
+  group.append(svg("text", { class: "title", x: (frame.left + frame.right) / 2, y: frame.bottom + 42, "text-anchor": "middle" }, clockName() + unit()));
   group.append(svg("text", { class: "title", x: 15, y: middle, "text-anchor": "middle", transform: `rotate(-90 15 ${middle})` }, metric.axis));
 }
 

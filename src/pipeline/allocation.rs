@@ -1,0 +1,199 @@
+//! Where the samples of a pass go [Mitchell87]: to pixels in proportion to the error that one sample has there.
+//!
+//! The mean over pixels of e_i/n_i, with e_i the variance of one sample over the squared brightness and the sum of all n_i given, is least
+//! for n_i proportional to the root of e_i. The e_i come from what the two halves of the film disagree by, smoothed over neighbours:
+//! the edges of things and of shadows, reflections. A pixel's mean is over all of its samples; that their number depends on
+//! some of them is a bias of second order that vanishes with the number of samples.
+
+use crate::film::PixelSample;
+use crate::integrator::{Frame, PassPlan};
+use crate::math::sampler::mix;
+use serde::{Deserialize, Serialize};
+
+/// Share of the samples that is spread evenly: what the estimate overlooks is still found.
+const EVEN_SHARE: f64 = 0.2;
+/// No pixel gets more than this many times the mean.
+const MOST: f64 = 20.0;
+/// Estimates are smoothed over this many pixels around each one as long as there are few samples.
+const RADIUS: usize = 2;
+/// From this many samples a pixel on, over fewer.
+const MANY: u32 = 12;
+
+/// The samples taken so far and those that come.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Allocation {
+    width: usize,
+    height: usize,
+    /// Sums of radiance by half and pixel [W/(m² sr)].
+    sums: [Vec<[f32; 3]>; 2],
+    taken: [Vec<u32>; 2],
+    /// Samples a pass, by pixel.
+    rate: Vec<f32>,
+    /// Samples that are due, by half and pixel: below 1 after each pass.
+    due: [Vec<f32>; 2],
+    wanted: Vec<u32>,
+    /// What the halves disagree by, as is usual for neighbouring pixels in common, over what each has for itself.
+    shared_over_own: f64,
+}
+
+impl Allocation {
+    /// One sample a pixel and pass.
+    pub fn new(frame: &Frame, seed: u64) -> Self {
+        let n = frame.n_pixels();
+        let dither =
+            |half: u64| (0..n as u64).map(|i| (mix(seed ^ mix(2 * i + half)) >> 40) as f32 * 2.0_f32.powi(-24)).collect();
+        Self {
+            width: frame.crop[2],
+            height: frame.crop[3],
+            sums: [vec![[0.0; 3]; n], vec![[0.0; 3]; n]],
+            taken: [vec![0; n], vec![0; n]],
+            rate: vec![1.0; n],
+            due: [dither(0), dither(1)],
+            wanted: vec![0; n],
+            shared_over_own: 0.0,
+        }
+    }
+
+    /// Samples that the next pass of a half takes.
+    pub fn next(&mut self, half: usize) -> PassPlan<'_> {
+        for ((wanted, due), rate) in self.wanted.iter_mut().zip(&mut self.due[half]).zip(&self.rate) {
+            *due += rate;
+            *wanted = *due as u32;
+            *due -= *wanted as f32;
+        }
+        PassPlan { half: half as u32, taken: &self.taken[half], wanted: &self.wanted }
+    }
+
+    /// What that pass found.
+    pub fn add(&mut self, half: usize, samples: &[PixelSample]) {
+        for ((sum, taken), sample) in self.sums[half].iter_mut().zip(&mut self.taken[half]).zip(samples) {
+            let radiance = sample.radiance();
+            if radiance.is_finite() {
+                (0..3).for_each(|c| sum[c] += radiance[c] as f32);
+            }
+            *taken += sample.n;
+        }
+    }
+
+    /// Squared error that neighbouring pixels have in common, which is that of what is read between records, over the squared error that
+    /// each has for itself, which more camera samples take away; as far as the halves disagree, at the last [`Self::refine`].
+    pub fn shared_over_own(&self) -> f64 {
+        self.shared_over_own
+    }
+
+    /// Gives the samples that come to where they are needed, as far as is known.
+    pub fn refine(&mut self) {
+        let (w, h) = (self.width, self.height);
+        let taken: u64 = self.taken.iter().flatten().map(|n| u64::from(*n)).sum();
+        let radius = if taken < u64::from(MANY) * (w * h) as u64 { RADIUS } else { RADIUS / 2 };
+        let mean = |half: usize, i: usize| {
+            let n = self.taken[half][i].max(1) as f32;
+            self.sums[half][i].map(|s| s / n)
+        };
+        // Brightness around a pixel, and what a sample errs by around it.
+        let bright = smooth([w, h], radius, |i| {
+            let (a, b) = (mean(0, i), mean(1, i));
+            (0..3).map(|c| 0.5 * (a[c] + b[c])).sum::<f32>() / 3.0
+        });
+        let error = smooth([w, h], radius, |i| {
+            let (a, b) = (mean(0, i), mean(1, i));
+            let [n, m] = [0, 1].map(|half: usize| self.taken[half][i] as f32);
+            let squared = (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>() / 3.0;
+            squared * n * m / (n + m).max(1.0) / (bright[i] * bright[i] + 0.01)
+        });
+        self.shared_over_own = shared_over_own([w, h], |i| {
+            let (a, b) = (mean(0, i), mean(1, i));
+            (0..3).map(|c| a[c] - b[c]).sum::<f32>() / 3.0 / (bright[i] * bright[i] + 0.01).sqrt()
+        });
+        let need: Vec<f64> = error.iter().map(|e| f64::from(e.max(0.0)).sqrt()).collect();
+        let mean_need = need.iter().sum::<f64>() / need.len().max(1) as f64;
+        if !mean_need.is_normal() {
+            return;
+        }
+        let wish: Vec<f64> = need.iter().map(|n| EVEN_SHARE + (1.0 - EVEN_SHARE) * (n / mean_need).min(MOST)).collect();
+        let scale = wish.len() as f64 / wish.iter().sum::<f64>();
+        self.rate = wish.iter().map(|wish| (wish * scale) as f32).collect();
+    }
+}
+
+/// Mean over the pixels at most `radius` away in each direction.
+fn smooth([width, height]: [usize; 2], radius: usize, value: impl Fn(usize) -> f32) -> Vec<f32> {
+    let around = |i: usize, n: usize| i.saturating_sub(radius)..(i + radius + 1).min(n);
+    let values: Vec<f32> = (0..width * height).map(value).collect();
+    let mean = |range: std::ops::Range<usize>, at: &dyn Fn(usize) -> f32| {
+        let n = range.len() as f32;
+        range.map(at).sum::<f32>() / n
+    };
+    let across: Vec<f32> =
+        (0..width * height).map(|i| mean(around(i % width, width), &|x| values[i / width * width + x])).collect();
+    (0..width * height).map(|i| mean(around(i / width, height), &|y| across[y * width + i % width])).collect()
+}
+
+/// Of the values of a picture, the part of the mean square that neighbours share over the rest: what is independent from pixel to pixel
+/// falls, in the mean over n pixels, to the n-th part.
+fn shared_over_own(size: [usize; 2], value: impl Fn(usize) -> f32) -> f64 {
+    let n = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
+    let mean_square = |v: &[f32]| v.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>() / v.len().max(1) as f64;
+    let values: Vec<f32> = (0..size[0] * size[1]).map(value).collect();
+    let (all, smooth) = (mean_square(&values), mean_square(&smooth(size, RADIUS, |i| values[i])));
+    let shared = ((smooth - all / n) / (1.0 - 1.0 / n)).clamp(0.0, all);
+    if all > shared { shared / (all - shared) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::Quantity;
+    use crate::math::{Rgb, Sampler};
+
+    const SIDE: usize = 32;
+
+    fn noise(key: usize, index: u64) -> f64 {
+        f64::from(Sampler::new(1, key as u64, index).next_1d()) - 0.5
+    }
+
+    /// A pass whose samples are 1, and err in the left half of the picture.
+    fn pass(allocation: &mut Allocation, half: usize, index: u64) -> f64 {
+        let wanted = allocation.next(half).wanted.to_vec();
+        let sample = |i: usize| {
+            let mut sample = PixelSample { n: wanted[i], ..PixelSample::NONE };
+            let error = if i % SIDE < SIDE / 2 { noise(i, 2 * index + half as u64) } else { 0.0 };
+            *sample.layer(Quantity::Direct) = Rgb::grey(f64::from(wanted[i]) * (1.0 + error));
+            sample
+        };
+        allocation.add(half, &(0..SIDE * SIDE).map(sample).collect::<Vec<_>>());
+        f64::from(wanted.iter().sum::<u32>()) / (SIDE * SIDE) as f64
+    }
+
+    #[test]
+    fn samples_go_where_the_halves_disagree() {
+        let mut allocation = Allocation::new(&Frame::whole(SIDE, SIDE), 3);
+        (0..2).for_each(|half| assert_eq!(pass(&mut allocation, half, 0), 1.0));
+        allocation.refine();
+        let mean = (0..16).map(|i| pass(&mut allocation, i % 2, 1 + i as u64 / 2)).sum::<f64>() / 16.0;
+        // Half of the pixels need all that is not spread evenly; one pass may be off by the rounding of a pixel's share.
+        assert!((mean - 1.0).abs() < 0.02, "{mean} samples a pixel and pass instead of 1");
+        let taken = |columns: std::ops::Range<usize>| {
+            let n = columns.len() * SIDE;
+            let of = |i: usize| f64::from(allocation.taken[0][i] + allocation.taken[1][i] - 2) / 16.0;
+            (0..SIDE).flat_map(|y| columns.clone().map(move |x| y * SIDE + x)).map(of).sum::<f64>() / n as f64
+        };
+        // Away from the border, which is smoothed over: 0.2 + 0.8 x 2, and 0.2.
+        let (left, right) = (taken(0..SIDE / 2 - 3), taken(SIDE / 2 + 3..SIDE));
+        assert!((left - 1.8).abs() < 0.1 && (right - EVEN_SHARE).abs() < 0.02, "{left} and {right}");
+    }
+
+    /// Errors with independent values in blocks of 16 x 16 pixels, and in each pixel, of the same variance: as much shared as own.
+    #[test]
+    fn errors_that_neighbours_share_are_told_from_those_they_do_not() {
+        let side = 256;
+        let block = |i: usize| i / side / 16 * 16 + i % side / 16;
+        let own = shared_over_own([side, side], |i| noise(i, 0) as f32);
+        assert!(own < 0.01, "{own}");
+        let both = shared_over_own([side, side], |i| (noise(i, 0) + noise(1_000_000 + block(i), 0)) as f32);
+        // Windows across the borders of blocks lose some of it: (1 - 1.2/16)^2 = 0.86, which leaves 0.86 / (2 - 0.86).
+        assert!((both - 0.75).abs() < 0.15, "{both}");
+        let shared = shared_over_own([side, side], |i| noise(1_000_000 + block(i), 0) as f32);
+        assert!(shared > 4.0, "{shared}");
+    }
+}
