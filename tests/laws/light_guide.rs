@@ -113,11 +113,13 @@ fn diffuse_transmission(tube: &Tube) -> f64 {
     found.iter().map(|p| p.total.g).sum::<f64>() / f64::from(RINGS) / PI
 }
 
-/// All rows with the environment variable TWOPASS_ALL_ROWS; without it those that take no more than some seconds.
+/// All rows with the environment variable TWOPASS_ALL_ROWS; without it those of a few mirrors, which take some seconds. Roulette lets no path
+/// go on with more than 0.95, so where many mirrors reflect more than that, a few long chains carry much: the rows of two dozen mirrors and a
+/// reflectance of 0.98 and more are as noisy as the tolerance.
 #[test]
 fn a_mirror_tube_carries_what_the_formula_says() {
     let all = std::env::var_os("TWOPASS_ALL_ROWS").is_some();
-    for tube in tubes().into_iter().filter(|t| all || t.transmission > 0.65) {
+    for tube in tubes().into_iter().filter(|t| all || t.angle.is_some_and(|a| t.length * a.to_radians().tan() < 6.0)) {
         let got = transmission(&tube);
         let name = format!("rho {}, length {}, angle {:?}", tube.rho, tube.length, tube.angle);
         println!("{name}: {got:.6}, expected {:.6}, {:+.3} %", tube.transmission, 100.0 * (got / tube.transmission - 1.0));
