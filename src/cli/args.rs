@@ -469,10 +469,9 @@ mod tests {
     #[test]
     fn what_comes_later_is_refused_and_named() {
         let refusal = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().not_delivered();
-        for (line, name) in [("twopass serve a.xml --port 80", "serve")] {
-            let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
-            assert!(message.contains(name), "{line}: {message}");
-        }
+        let line = "twopass serve a.xml --port 80";
+        let message = refusal(line).unwrap_or_else(|| panic!("accepted: {line}"));
+        assert!(message.contains("serve"), "{line}: {message}");
         assert_eq!(refusal("twopass render a.xml --form-factors ray-cast --solver gauss-seidel"), None);
     }
 }

@@ -198,8 +198,8 @@ impl Method {
                 "L(S|D)*E",
                 Unbiased,
                 false,
-                "walks from camera and lamps, every vertex of one connected with each of the other",
-                "Lafortune93, Veach97, Georgiev12",
+                "walks from camera and lamps, vertices of one connected with well chosen ones of the other",
+                "Lafortune93, Veach97, Georgiev12, Popov15",
             ),
             Method::PhotonMap => row(
                 "photon-map",

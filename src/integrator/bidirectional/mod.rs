@@ -1,14 +1,15 @@
-//! Bidirectional path tracing [Lafortune93], [Veach97]: walks from the camera and from the lights, each vertex of one connected with
-//! each of the other, every way to make a path weighted against all others that could have made it.
+//! Bidirectional path tracing [Lafortune93], [Veach97]: walks from the camera and from the lights, the vertices of one connected with those
+//! of the other ([`light_vertices`] says with which), every way to make a path weighted against all others that could have made it.
 //!
 //! A path of s vertices from a light and t from the camera, the camera's own among them, is made in five ways: the camera's walk
 //! meets a light (s = 0), a shadow ray (s = 1), a connection (s, t > 1), and the light's walk seen by the camera (t = 1). What is
 //! left out is a lamp seen at once as s = t = 1, which s = 0 finds as well.
 
+pub mod light_vertices;
 pub mod subpath;
 
-use super::splat::{Splats, each_pixel_with_splats};
-use super::{Frame, Integrator, IntegratorSettings};
+use super::splat::Splats;
+use super::{Frame, Integrator, IntegratorSettings, camera_start};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::material::Scattering;
@@ -16,11 +17,23 @@ use crate::math::{Rgb, Sampler, Vec3, sampler::mix};
 use crate::scene::Sighting;
 use crate::world::walk::RayCounts;
 use crate::world::{Departures, Shading, ShadowRay, SurfaceInteraction, World};
+use light_vertices::{Learnt, LightVertices, Outcome};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use subpath::{Carried, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart};
 
 /// No path is longer, whatever the scene asks.
 const DEEPEST: u32 = 512;
+/// Vertices of light walks that a camera's vertex is connected with.
+const PICKS: u32 = 3;
+/// What would bring less than this share of the picture's mean is asked for by chance.
+const FAINT: f64 = 0.1;
+/// But not by less of a chance.
+const LEAST_CHANCE: f64 = 0.05;
+/// Pixels whose light walks are kept at a time: some 200 bytes a vertex.
+const BAND: usize = 1 << 17;
+/// Picks have random numbers of their own.
+const PICK_STREAM: u64 = 0x91_c4e5;
 /// Walks from the lights have random numbers of their own.
 const LIGHT_STREAM: u64 = 0x11_6487;
 
@@ -203,6 +216,12 @@ impl<'a> Connector<'a> {
 
     /// s, t > 1: a vertex of the camera's walk connected with one of a light's, with its weight.
     pub fn connect(&self, x: &Vertex, y: &Vertex, counts: &mut RayCounts) -> Rgb {
+        self.connect_by_chance(x, y, (0.0, 0.0), counts)
+    }
+
+    /// As [`Self::connect`], but where nothing in between would bring less than `least`, in luminance, its shadow ray is sent with a probability
+    /// in proportion only (`u`, uniform in [0, 1), decides), and counts for more then: Russian roulette on what is not worth a ray.
+    pub fn connect_by_chance(&self, x: &Vertex, y: &Vertex, (least, u): (f64, f64), counts: &mut RayCounts) -> Rgb {
         let to = (y.si.point - x.si.point).as_dvec3();
         let d2 = to.length_squared();
         if d2 <= 0.0 {
@@ -218,17 +237,20 @@ impl<'a> Connector<'a> {
         if carried.is_black() || !carried.is_finite() {
             return Rgb::BLACK;
         }
-        counts.shadow += 1;
-        let visible = self.world.transmittance(&x.si.spawn_to(y.si.moved_towards(-direction)));
-        if visible.is_black() {
-            return Rgb::BLACK;
-        }
         let mis = |v: f64| self.heuristic.of(v);
         let cos_x = f64::from(x.si.ng.dot(direction).abs());
         let cos_y = f64::from(y.si.ng.dot(direction).abs());
         let by_camera = mis(at_x.forward * cos_y / d2) * (y.d_vcm + y.d_vc * mis(at_y.reverse));
         let by_light = mis(at_y.forward * cos_x / d2) * (x.d_vcm + x.d_vc * mis(at_x.reverse));
-        carried * visible / (1.0 + by_camera + by_light)
+        let weighted = carried / (1.0 + by_camera + by_light);
+        let chance = weighted.luminance() / least;
+        let sent = if chance < 1.0 { chance.max(LEAST_CHANCE) } else { 1.0 };
+        if u >= sent {
+            return Rgb::BLACK;
+        }
+        counts.shadow += 1;
+        let visible = self.world.transmittance(&x.si.spawn_to(y.si.moved_towards(-direction)));
+        weighted * visible / sent
     }
 
     /// t = 1 before weights and visibility: where the camera sees a vertex of a light's walk, the light that it sees times the number of
@@ -278,27 +300,43 @@ pub(super) fn light_sampler(settings: &IntegratorSettings, seed: u64, key: u64, 
 pub struct Bidirectional<'a> {
     connector: Connector<'a>,
     settings: IntegratorSettings,
+    learnt: Learnt,
+    /// Sum of the luminances of all samples so far, and their number.
+    seen: (f64, f64),
+}
+
+/// What a camera walk is connected with, and what is worth a shadow ray.
+struct Band<'a> {
+    light: &'a LightVertices,
+    least: f64,
 }
 
 impl<'a> Bidirectional<'a> {
     /// On a scene.
     pub fn new(world: &'a World, settings: IntegratorSettings, heuristic: Heuristic) -> Self {
-        Self { connector: Connector::new(world, settings.max_depth, heuristic), settings }
+        let connector = Connector::new(world, settings.max_depth, heuristic);
+        Self { connector, settings, learnt: Learnt::new(world.bounds()), seen: (0.0, 0.0) }
     }
 
-    fn sample(&self, start: super::Start, counts: &mut RayCounts, splats: &mut Splats<'_>) -> PixelSample {
+    /// One light walk: its vertices, and what of them the camera sees.
+    fn light(&self, start: &super::Start, vertices: &mut Vec<Vertex>, splats: &mut Splats<'_>, counts: &mut RayCounts) {
         let connector = &self.connector;
-        let mut vertices: Vec<Vertex> = Vec::new();
-        let mut light = light_sampler(&self.settings, start.seed, start.key, start.index);
-        connector.light_walk(&mut light, counts, |vertex, _, counts| {
+        let mut sampler = light_sampler(&self.settings, start.seed, start.key, start.index);
+        connector.light_walk(&mut sampler, counts, |vertex, _, counts| {
             if let Some((sighting, found)) = connector.seen(vertex, counts) {
                 splats.add(sighting.film_point, layer_of(vertex.scattered + 1, vertex.began_ideal), found);
             }
             vertices.push(*vertex);
         });
+    }
+
+    /// One camera walk.
+    fn sample(&self, start: super::Start, band: &Band<'_>, outcomes: &mut Vec<Outcome>, counts: &mut RayCounts) -> PixelSample {
+        let connector = &self.connector;
         let mut sample = PixelSample::default();
         let walk = Walk { world: connector.world, heuristic: connector.heuristic, carried: Carried::Radiance };
         let mut sampler = start.sampler;
+        let mut random = mix(start.seed ^ PICK_STREAM ^ mix(start.key ^ mix(start.index)));
         let limit = connector.limit;
         let begin = connector.camera_start(start.ray);
         walk.go(
@@ -326,9 +364,18 @@ impl<'a> Bidirectional<'a> {
                         return;
                     }
                     *sample.layer(layer_of(vertex.scattered + 1, false)) += connector.direct(vertex, shading, sampler, counts);
-                    for y in vertices.iter().filter(|y| vertex.edges + y.edges < limit) {
-                        let layer = layer_of(vertex.scattered + y.scattered + 2, false);
-                        *sample.layer(layer) += connector.connect(vertex, y, counts);
+                    let per_throughput = 1.0 / vertex.throughput.luminance().max(f64::MIN_POSITIVE);
+                    for _ in 0..PICKS {
+                        random = random.wrapping_add(1);
+                        let Some(pick) = band.light.pick(vertex.si.point, PICKS, random) else { continue };
+                        let y = pick.vertex;
+                        if vertex.edges + y.edges >= limit {
+                            continue;
+                        }
+                        let u = (mix(random ^ PICK_STREAM) >> 32) as f64 / f64::from(1 << 16) / f64::from(1 << 16);
+                        let found = connector.connect_by_chance(vertex, y, (band.least / pick.weight, u), counts);
+                        outcomes.push((pick.pair, (found.luminance() * per_throughput) as f32));
+                        *sample.layer(layer_of(vertex.scattered + y.scattered + 2, false)) += found * pick.weight;
                     }
                 }
             },
@@ -340,8 +387,53 @@ impl<'a> Bidirectional<'a> {
 impl Integrator for Bidirectional<'_> {
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         self.connector.set_frame(frame);
-        each_pixel_with_splats(self.connector.world, &self.settings, frame, index, |start, counts, splats| {
-            self.sample(start, counts, splats)
-        })
+        let [_, _, width, height] = frame.crop;
+        let in_band = (BAND / width.max(1)).max(1);
+        let (mut samples, mut counts) = (Vec::with_capacity(frame.n_pixels()), RayCounts::default());
+        let mut all_splats = Vec::with_capacity(height);
+        let least = if self.seen.1 > 0.0 { FAINT * self.seen.0 / self.seen.1 } else { 0.0 };
+        for first in (0..height).step_by(in_band) {
+            let rows = first..height.min(first + in_band);
+            let start = |y: usize, x: usize| camera_start(self.connector.world, &self.settings, frame, index, y * width + x);
+            let light_row = |y: usize| {
+                let (mut vertices, mut splats, mut counts) = (Vec::new(), Splats::new(frame), RayCounts::default());
+                (0..width).for_each(|x| self.light(&start(y, x), &mut vertices, &mut splats, &mut counts));
+                (vertices, splats, counts)
+            };
+            let lit: Vec<(Vec<Vertex>, Splats<'_>, RayCounts)> = rows.clone().into_par_iter().map(light_row).collect();
+            let mut vertices = Vec::with_capacity(lit.iter().map(|row| row.0.len()).sum());
+            for (of_row, splats, c) in lit {
+                vertices.extend(of_row);
+                all_splats.push(splats);
+                counts += c;
+            }
+            let light = LightVertices::new(
+                &vertices,
+                rows.len() * width,
+                &self.learnt,
+                mix(PICK_STREAM ^ mix(u64::from(index) << 32 | first as u64) ^ self.settings.seed),
+            );
+            let band = Band { light: &light, least };
+            let camera_row = |y: usize| {
+                let (mut outcomes, mut counts) = (Vec::new(), RayCounts::default());
+                let one = |x: usize| {
+                    counts.camera += 1;
+                    self.sample(start(y, x), &band, &mut outcomes, &mut counts)
+                };
+                let samples: Vec<PixelSample> = (0..width).map(one).collect();
+                (samples, outcomes, counts)
+            };
+            let seen: Vec<(Vec<PixelSample>, Vec<Outcome>, RayCounts)> = rows.into_par_iter().map(camera_row).collect();
+            for (of_row, outcomes, c) in seen {
+                samples.extend(of_row);
+                self.learnt.add(&outcomes);
+                counts += c;
+            }
+        }
+        let scale = 1.0 / frame.n_pixels().max(1) as f64;
+        all_splats.iter().for_each(|splats| splats.add_to(&mut samples, scale));
+        self.seen.0 += samples.iter().map(|s| s.radiance().luminance()).sum::<f64>();
+        self.seen.1 += samples.len() as f64;
+        (samples, counts)
     }
 }

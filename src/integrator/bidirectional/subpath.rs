@@ -299,3 +299,30 @@ pub fn begin_light(
     vertex.d_vcm = heuristic.of(shadow / (departure.density * cos_in));
     vertex.d_vc = if departure.is_delta { 0.0 } else { heuristic.of(1.0 / (departure.density * cos_in)) };
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::math::Vec2;
+
+    /// A vertex at a point, seen from above.
+    pub fn vertex_at(point: Vec3) -> Vertex {
+        let si = SurfaceInteraction {
+            point,
+            error: Vec3::ZERO,
+            ng: Vec3::Z,
+            ns: Vec3::Z,
+            uv: Vec2::ZERO,
+            place: (0.0, 0.0),
+            shape: 0,
+            primitive: 0,
+            front: true,
+            wo: Vec3::Z,
+            t: 0.0,
+            end: 0.0,
+        };
+        let throughput = Rgb::WHITE;
+        let plain = None;
+        Vertex { si, throughput, d_vcm: 0.0, d_vc: 0.0, edges: 1, scattered: 0, by_ideal: false, began_ideal: false, plain }
+    }
+}
