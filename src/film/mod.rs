@@ -18,6 +18,9 @@ pub use mask::Mask;
 use crate::math::Rgb;
 use serde::{Deserialize, Serialize};
 
+/// Halves that differ by no more than this share of their sum differ by rounding, which is no noise.
+const ROUNDING: f64 = 1e-12;
+
 /// What a picture is recorded in, besides the radiance itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Quantity {
@@ -122,6 +125,8 @@ pub struct Film {
     passes: [u32; 2],
     /// True if samples may be negative.
     signed: bool,
+    /// Squared error over the noise that the halves show.
+    error_over_noise: f64,
     non_finite: u64,
     first_non_finite: Option<usize>,
 }
@@ -138,6 +143,7 @@ impl Film {
             taken: [vec![0; n], vec![0; n]],
             passes: [0; 2],
             signed: false,
+            error_over_noise: 1.0,
             non_finite: 0,
             first_non_finite: None,
         }
@@ -147,6 +153,12 @@ impl Film {
     #[must_use]
     pub fn signed(self, signed: bool) -> Self {
         Self { signed, ..self }
+    }
+
+    /// The same film, whose predicted error is `factor` times the noise that its halves show: of methods that have something wrong in both.
+    #[must_use]
+    pub fn with_error_over_noise(self, factor: f64) -> Self {
+        Self { error_over_noise: factor, ..self }
     }
 
     /// Width in pixels.
@@ -212,8 +224,7 @@ impl Film {
     }
 
     /// Predicted relmse of the picture by its own two halves: mean of its [variance](Self::variance_image) over S²+0.01, S the mean over
-    /// 5x5 pixels. Noise only;
-    /// what both halves have in common (mesh, gathering) does not show. `None` before the second pass.
+    /// 5x5 pixels, times what the method usually has wrong in both halves ([`Self::with_error_over_noise`]). `None` before the second pass.
     pub fn estimated_relmse(&self) -> Option<f64> {
         if self.passes.contains(&0) {
             return None;
@@ -224,7 +235,7 @@ impl Film {
             (0..3).map(|c| v[c] / (f64::from(s[c]) * f64::from(s[c]) + 0.01)).sum::<f64>()
         };
         let n = self.width * self.height;
-        Some((0..n).map(pixel).sum::<f64>() / (3 * n) as f64)
+        Some(self.error_over_noise * (0..n).map(pixel).sum::<f64>() / (3 * n) as f64)
     }
 
     /// Number of fireflies: pixels brighter than the mean and more than five times as bright as each of their neighbours.
@@ -250,7 +261,10 @@ impl Film {
             return Rgb::BLACK;
         }
         let difference = self.halves[0][i] / a - self.halves[1][i] / b;
-        difference.map(|d| d * d * a * b / ((a + b) * (a + b)))
+        let size = self.halves[0][i] / a + self.halves[1][i] / b;
+        let variance =
+            |d: f64, size: f64| if d.abs() <= ROUNDING * size.abs() { 0.0 } else { d * d * a * b / ((a + b) * (a + b)) };
+        Rgb::new(variance(difference.r, size.r), variance(difference.g, size.g), variance(difference.b, size.b))
     }
 
     fn picture_of(&self, value: impl Fn(usize) -> Rgb) -> Image {

@@ -108,7 +108,10 @@ pub fn drive(
 ) -> Driven {
     let (mut film, mut counts) = match before {
         Some((film, counts)) => (film.clone(), counts),
-        None => (Film::new(frame.crop[2], frame.crop[3]).signed(integrator.is_signed()), RayCounts::default()),
+        None => {
+            let film = Film::new(frame.crop[2], frame.crop[3]).signed(integrator.is_signed());
+            (film.with_error_over_noise(integrator.error_over_noise()), RayCounts::default())
+        }
     };
     let start = Start { wall: clocks.wall(), cpu: clocks.cpu(), passes: film.n_passes() };
     let mut index = film.n_passes();

@@ -109,6 +109,11 @@ pub trait Integrator: Sync {
         false
     }
 
+    /// Squared error of the picture over the noise that its two halves show: above 1 where both have something wrong in common.
+    fn error_over_noise(&self) -> f64 {
+        1.0
+    }
+
     /// Goes on where [`Self::state`] was taken, before its first pass here; false if the bytes make no sense.
     fn take_up(&mut self, state: &[u8]) -> bool {
         state.is_empty()

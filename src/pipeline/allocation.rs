@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 const EVEN_SHARE: f64 = 0.2;
 /// No pixel gets more than this many times the mean.
 const MOST: f64 = 20.0;
+/// Share of the squared mean brightness of the picture that is added to that of each pixel, so that what is nearly black needs no care.
+const DARK: f64 = 0.02;
 /// Estimates are smoothed over this many pixels around each one as long as there are few samples.
 const RADIUS: usize = 2;
 /// From this many samples a pixel on, over fewer.
@@ -95,15 +97,17 @@ impl Allocation {
             let (a, b) = (mean(0, i), mean(1, i));
             (0..3).map(|c| 0.5 * (a[c] + b[c])).sum::<f32>() / 3.0
         });
+        let level = bright.iter().map(|b| f64::from(*b)).sum::<f64>() / bright.len().max(1) as f64;
+        let dark = (DARK * level * level) as f32;
         let error = smooth([w, h], radius, |i| {
             let (a, b) = (mean(0, i), mean(1, i));
             let [n, m] = [0, 1].map(|half: usize| self.taken[half][i] as f32);
             let squared = (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>() / 3.0;
-            squared * n * m / (n + m).max(1.0) / (bright[i] * bright[i] + 0.01)
+            squared * n * m / (n + m).max(1.0) / (bright[i] * bright[i] + dark)
         });
         self.shared_over_own = shared_over_own([w, h], |i| {
             let (a, b) = (mean(0, i), mean(1, i));
-            (0..3).map(|c| a[c] - b[c]).sum::<f32>() / 3.0 / (bright[i] * bright[i] + 0.01).sqrt()
+            (0..3).map(|c| a[c] - b[c]).sum::<f32>() / 3.0 / (bright[i] * bright[i] + dark).sqrt()
         });
         let need: Vec<f64> = error.iter().map(|e| f64::from(e.max(0.0)).sqrt()).collect();
         let mean_need = need.iter().sum::<f64>() / need.len().max(1) as f64;

@@ -334,7 +334,10 @@ impl ByStages for Render<'_, '_, '_> {
         let mut counts = RayCounts::default();
         let progressive = read_out == Some(ReadOut::Progressive);
         // A path of two edges or fewer never meets a second diffuse surface.
-        let is_read = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2));
+        // Nor is there anything to read where nothing shines or nothing is diffuse.
+        let is_read = read_out.is_some_and(|r| r == ReadOut::Stored || max_depth.is_none_or(|d| d > 2))
+            && scene.may_emit()
+            && scene.has_diffuse();
         let coarse = progressive || settings.method == Method::TwoPassUnbiased;
         let mut first = if coarse { first_pass_one(&settings.pass_one) } else { settings.pass_one };
         first.extended &= settings.method.extends_form_factors();

@@ -66,6 +66,9 @@ const FIRST_OVERLAP: f64 = 24.0;
 const LEAST_CLOSEST: f64 = 0.25;
 /// Most rays of a record.
 const MOST_RAYS: f64 = 4096.0;
+/// Squared error over what the halves disagree by. Interpolation between records and coarse patches are wrong in both; in 21 rows of the own
+/// scenes the noise alone was 0.32 to 0.89 of the error, and with this factor 20 of them are within a factor of two.
+const ERROR_OVER_NOISE: f64 = 1.5;
 /// Farthest records in pixels.
 const FARTHEST: f64 = 20.0;
 
@@ -340,6 +343,10 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
             counts: self.counts,
         };
         encode_state(&state)
+    }
+
+    fn error_over_noise(&self) -> f64 {
+        ERROR_OVER_NOISE
     }
 
     fn take_up(&mut self, state: &[u8]) -> bool {

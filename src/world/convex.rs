@@ -36,6 +36,8 @@ struct Walls {
     offset: [f32; MOST_WALLS],
     /// Triangles of each.
     triangles: [Vec<u32>; MOST_WALLS],
+    /// Heights below this are no more than rounding.
+    rounding: f32,
 }
 
 /// Triangles in one plane.
@@ -105,7 +107,7 @@ impl Hull {
         if !facets.iter().all(|f| f.area <= f.hull_area() * (1.0 + ROUNDING)) {
             return None;
         }
-        let walls = (facets.len() <= MOST_WALLS && lowest >= LOWEST * diagonal).then(|| Walls::of(&facets));
+        let walls = (facets.len() <= MOST_WALLS && lowest >= LOWEST * diagonal).then(|| Walls::of(&facets, rounding));
         Some(Self { facets, rounding, walls })
     }
 
@@ -126,9 +128,13 @@ impl Hull {
 }
 
 impl Walls {
-    fn of(facets: &[Facet]) -> Self {
-        let mut walls =
-            Self { normal: [[0.0; MOST_WALLS]; 3], offset: [0.0; MOST_WALLS], triangles: std::array::from_fn(|_| Vec::new()) };
+    fn of(facets: &[Facet], rounding: f64) -> Self {
+        let mut walls = Self {
+            normal: [[0.0; MOST_WALLS]; 3],
+            offset: [0.0; MOST_WALLS],
+            triangles: std::array::from_fn(|_| Vec::new()),
+            rounding: 2.0 * rounding as f32,
+        };
         for k in 0..MOST_WALLS {
             let facet = facets.get(k).unwrap_or(&facets[0]);
             for (axis, n) in facet.normal.to_array().into_iter().enumerate() {
@@ -140,7 +146,8 @@ impl Walls {
         walls
     }
 
-    /// Triangles of the wall whose plane a ray from inside meets first; `None` along a wall.
+    /// Triangles of the wall whose plane a ray from inside meets first; `None` along a wall, or for a ray that may start outside: on the
+    /// outer side of a wall, or where a camera stands.
     #[inline]
     fn ahead(&self, ray: &Ray) -> Option<&[u32]> {
         let [o, d] = [ray.origin.to_array(), ray.direction.to_array()];
@@ -152,9 +159,12 @@ impl Walls {
         let flattest = cosine.map(f32::abs).into_iter().reduce(less)?;
         let first = t.into_iter().reduce(less)?;
         // False for what is no number as well.
-        let is_clear = flattest > GRAZING && first < f32::INFINITY && ray.t_max == f32::INFINITY;
+        let is_clear = height.into_iter().all(|h| h > -self.rounding)
+            && flattest > GRAZING
+            && first < f32::INFINITY
+            && ray.t_max == f32::INFINITY;
         let wall = t.iter().position(|t| *t == first)?;
-        is_clear.then(|| self.triangles[wall].as_slice())
+        (is_clear && height[wall] > self.rounding).then(|| self.triangles[wall].as_slice())
     }
 }
 

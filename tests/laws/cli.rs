@@ -250,7 +250,9 @@ fn a_render_writes_picture_layers_header_and_report() {
     assert_eq!(report["complete"], true);
     assert_eq!(report["seed"], 3);
     assert_eq!(report["samples_per_pixel"], 4.0);
-    assert_eq!(report["counters"]["camera_rays"], 24 * 16 * 4);
+    // Four a pixel in the mean: where they go is decided by rates, which leave up to one a pixel and half over.
+    let camera_rays = report["counters"]["camera_rays"].as_f64().expect("a number");
+    assert!((camera_rays / f64::from(24 * 16 * 4) - 1.0).abs() < 0.05, "{camera_rays}");
     assert!(report["stages"].as_array().is_some_and(|s| s.iter().any(|s| s["name"] == "render")));
 }
 

@@ -153,8 +153,9 @@ fn obj_flips_v_and_ply_and_rectangle_do_not() {
                property float v\nelement face 1\nproperty list uchar int vertex_index\nend_header\n\
                0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 .75\n3 0 1 2\n";
     let body = "<shape type='obj'><string name='filename' value='t.obj'/></shape>
-        <shape type='obj'><string name='filename' value='t.obj'/><boolean name='flip_tex_coords' value='false'/></shape>
-        <shape type='ply'><string name='filename' value='t.ply'/></shape><shape type='rectangle'/>";
+        <shape type='obj'><string name='filename' value='t.obj'/><boolean name='flip_tex_coords' value='false'/>
+        <transform name='to_world'><translate z='1'/></transform></shape>
+        <shape type='ply'><string name='filename' value='t.ply'/><transform name='to_world'><translate z='2'/></transform></shape><shape type='rectangle'/>";
     let scene = Fixture::new(body).with("t.obj", TRIANGLE).with("t.ply", ply).scene();
     for (index, want) in [(0, 0.25), (1, 0.75), (2, 0.75)] {
         assert_eq!(corners(&scene, &scene.shapes[index])[0][2].2, Vec2::new(0.0, want), "shape {index}");

@@ -252,7 +252,7 @@ fn members_taken_for_granted_are_asked_for() {
 
 #[test]
 fn triangles_are_counted_before_they_are_made() {
-    let nodes: String = (1..=100).map(|_| ",{\"mesh\":0}".to_owned()).collect();
+    let nodes: String = (1..=100).map(|i| format!(",{{\"mesh\":0,\"translation\":[0,0,{i}]}}")).collect();
     let children: Vec<String> = (1..=100).map(|i| i.to_string()).collect();
     let text = file("a%20b.bin", &format!("{{\"children\":[{}]}}{nodes}", children.join(",")), "\"materials\":[{}]");
     let fixture = Fixture::new("").with("model.gltf", text).with("a b.bin", square());
