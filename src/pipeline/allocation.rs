@@ -98,7 +98,10 @@ impl Allocation {
             (0..3).map(|c| 0.5 * (a[c] + b[c])).sum::<f32>() / 3.0
         });
         let level = bright.iter().map(|b| f64::from(*b)).sum::<f64>() / bright.len().max(1) as f64;
-        let dark = (DARK * level * level) as f32;
+        if !level.is_normal() {
+            return;
+        }
+        let dark = ((DARK * level * level) as f32).max(f32::MIN_POSITIVE);
         let error = smooth([w, h], radius, |i| {
             let (a, b) = (mean(0, i), mean(1, i));
             let [n, m] = [0, 1].map(|half: usize| self.taken[half][i] as f32);
