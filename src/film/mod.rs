@@ -18,8 +18,8 @@ pub use mask::Mask;
 use crate::math::Rgb;
 use serde::{Deserialize, Serialize};
 
-/// Halves that differ by no more than this share of their sum differ by rounding, which is no noise.
-const ROUNDING: f64 = 1e-12;
+/// Halves that differ by no more than this share of their sum are the same picture: its pixels are f32.
+const ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
 
 /// What a picture is recorded in, besides the radiance itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
