@@ -14,7 +14,7 @@ use crate::integrator::irradiance_cache::{FillSettings, IrradianceCache};
 use crate::integrator::{Frame, Integrator, IntegratorSettings, ReadOut, TwoPass, encode_state};
 use crate::math::sampler::mix;
 use crate::world::walk::RayCounts;
-use crate::world::{Stages, World};
+use crate::world::{DirectSampling, Stages, World};
 use serde::{Deserialize, Serialize};
 use std::marker::PhantomData;
 use std::ops::ControlFlow;
@@ -151,7 +151,11 @@ impl<'a, K: Stages> Progressive<'a, K> {
     ) -> Self {
         Self {
             world,
-            settings: IntegratorSettings { read_out: ReadOut::FinalGather, ..settings },
+            settings: IntegratorSettings {
+                read_out: ReadOut::FinalGather,
+                direct: if render.image_filter { DirectSampling::FILTERED } else { settings.direct },
+                ..settings
+            },
             pass_one,
             pass_one_settings: first_pass_one(&render.pass_one),
             refines: refines(&render.pass_one),
