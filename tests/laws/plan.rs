@@ -197,6 +197,34 @@ fn a_convex_room_needs_no_test_of_visibility() {
     assert!(outside.counts.visibility > 0 && mean(&outside) == 0.0);
 }
 
+/// A camera outside a convex room looks at walls from behind, or in through a wall that is not there: neither plan may take its rays for
+/// such as start inside.
+#[test]
+fn a_camera_outside_a_convex_room_sees_its_outside() {
+    let settings = quick(4, 0.5);
+    let room = |eye: DVec3, two_sided: bool, open: bool| {
+        let mut room = Room::new(eye, DVec3::new(0.05, -0.1, 0.0), 8);
+        let wall = room.material(Material::Diffuse { reflectance: Texture::grey(0.5) }, two_sided);
+        room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [wall; 6], [0.0; 6]);
+        if open {
+            // Without the wall at z = -1.
+            room.source.shapes.remove(4);
+        }
+        room.point_light(DVec3::new(0.1, 0.6, 0.2), 2.0);
+        room.scene()
+    };
+    let places = [DVec3::new(0.2, 0.1, -3.0), DVec3::new(3.0, 0.4, -2.5), DVec3::new(-2.0, 2.5, 1.5), DVec3::new(0.1, -4.0, 0.2)];
+    for eye in places {
+        for two_sided in [false, true] {
+            let [lean, _] = both(&room(eye, two_sided, false), &settings, &format!("closed, seen from {eye}"));
+            assert!(lean.counts.visibility == 0 && !keeps(&lean, "visibility"), "the room is convex wherever the camera is");
+            assert_eq!(mean(&lean), 0.0, "light inside is seen from {eye}, two-sided {two_sided}");
+        }
+    }
+    let [seen, _] = both(&room(places[0], false, true), &settings, "through the open side");
+    assert!(mean(&seen) > 0.0, "nothing is seen through the open side");
+}
+
 #[test]
 fn one_light_needs_no_choice_and_two_do() {
     let mut room = lit_room(|r| r.grey(0.5));
