@@ -41,6 +41,9 @@ pub struct RunReport {
     /// The stages kept and left out, and why.
     #[serde(default)]
     pub plan: Vec<StageDecision>,
+    /// What leaving stages out saved, where that was measured.
+    #[serde(default)]
+    pub plan_saving: PlanSaving,
     /// Time by stage, in the order in which the stages began.
     pub stages: Vec<StageTime>,
     /// The picture at earlier times, where that was asked for. Writing these is in no time of the report.
@@ -81,6 +84,39 @@ pub struct StageDecision {
     pub kept: bool,
     /// Why.
     pub reason: String,
+}
+
+/// Time that a plan saved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlanSaving {
+    /// How the figures were got, or why there are none.
+    pub how: String,
+    /// Stages left out.
+    pub left_out: Vec<String>,
+    /// The two runs, if there were two.
+    pub measured: Option<MeasuredSaving>,
+}
+
+impl Default for PlanSaving {
+    fn default() -> Self {
+        let how = "not measured: render --time-plan renders a second time with every stage at work".to_owned();
+        Self { how, left_out: Vec::new(), measured: None }
+    }
+}
+
+/// One render beside the same one with every stage at work; times without loading and writing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredSaving {
+    /// Processor time of this run [s].
+    pub lean_cpu_s: f64,
+    /// Processor time of the other [s].
+    pub full_cpu_s: f64,
+    /// Difference of the two [s].
+    pub saved_cpu_s: f64,
+    /// The same on the clock [s].
+    pub saved_wall_s: f64,
+    /// True if all bits of both pictures and of their variances are equal.
+    pub same_picture: bool,
 }
 
 /// Time spent in a stage.
@@ -207,6 +243,7 @@ impl RunReport {
             samples_per_pixel: 0.0,
             estimated_relmse: None,
             plan: Vec::new(),
+            plan_saving: PlanSaving::default(),
             stages: Vec::new(),
             snapshots: Vec::new(),
             counters: BTreeMap::new(),

@@ -9,6 +9,7 @@ mod method_args;
 mod output;
 mod progress;
 mod report;
+mod saving;
 mod scene_file;
 mod snapshots;
 mod values;

@@ -81,6 +81,7 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
 pub fn add_plan(report: &mut RunReport, plan: &Plan) {
     let decision = |d: &Decision| StageDecision { stage: d.stage.to_owned(), kept: d.kept, reason: d.reason.clone() };
     report.plan = plan.decisions.iter().map(decision).collect();
+    report.plan_saving.left_out = plan.decisions.iter().filter(|d| !d.kept).map(|d| d.stage.to_owned()).collect();
 }
 
 /// Adds what pass one found.

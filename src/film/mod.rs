@@ -350,10 +350,24 @@ mod tests {
         let mut film = Film::new(1, 1);
         let mut three = PixelSample::NONE;
         [1.0, 2.0, 6.0].iter().for_each(|v| three.add(&sample(*v)));
+        let mut again = PixelSample::NONE;
+        again.add(&three);
+        assert_eq!((again.n, again.radiance()), (3, Rgb::grey(9.0)), "sums are taken in with all of their samples");
         [three, sample(7.0), PixelSample::NONE].iter().enumerate().for_each(|(i, s)| film.add_pass(i as u32, &[*s]));
         assert_eq!(film.image().at(0, 0), [4.0; 3]);
         // Means 3 of three and 7 of one: 3/16 of the squared difference 16.
         assert_eq!(film.variance_image().at(0, 0), [3.0; 3]);
+    }
+
+    /// Two halves that agree in every digit of a pixel, but for rounding, show no noise; from the next digit on they do.
+    #[test]
+    fn rounding_is_no_variance() {
+        for (relative, expected) in [(1e-9, 0.0), (1e-5, 0.25 * 0.3 * 0.3 * 1e-10)] {
+            let mut film = Film::new(1, 1);
+            [0.3, 0.3 * (1.0 + relative)].iter().enumerate().for_each(|(i, v)| film.add_pass(i as u32, &[sample(*v)]));
+            let got = f64::from(film.variance_image().at(0, 0)[0]);
+            assert!((got - expected).abs() <= 1e-4 * expected, "{got:e} for halves {relative} apart, not {expected:e}");
+        }
     }
 
     #[test]

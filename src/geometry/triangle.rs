@@ -125,7 +125,12 @@ fn meet_by_exact_signs(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> Option<f32> {
 pub fn barycentric(ray: &Ray, a: Vec3, b: Vec3, c: Vec3) -> (f64, f64) {
     // Moeller-Trumbore in f64; here the triangle is known to be hit, so watertightness plays no part.
     let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
-    let (e1, e2) = (b - a, c - a);
+    barycentric_by_edges(ray, a, b - a, c - a)
+}
+
+/// The same by the first vertex and the edges from there to the others.
+#[inline]
+pub fn barycentric_by_edges(ray: &Ray, a: DVec3, e1: DVec3, e2: DVec3) -> (f64, f64) {
     let (o, d) = (ray.origin.as_dvec3() - a, ray.direction.as_dvec3());
     let p = d.cross(e2);
     let det = e1.dot(p);

@@ -95,7 +95,7 @@ impl<K: Stages> TwoPass<'_, K> {
         counts: &mut RayCounts,
     ) -> Gathered {
         if K::PLAIN {
-            return self.plain_gathered(&ray, depth, levels, sampler, counts);
+            return self.plain_gathered((&ray, &self.world.outlook::<K>(ray.origin)), depth, levels, sampler, counts);
         }
         let mut distance = f32::INFINITY;
         let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;

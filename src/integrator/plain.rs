@@ -9,10 +9,13 @@ use super::{ReadOut, TwoPass};
 use crate::film::Quantity;
 use crate::geometry::Ray;
 use crate::material::{Lambert, Scattering};
-use crate::math::{Frame, Rgb, Sampler};
+use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
+use crate::world::convex::Outlook;
+use crate::world::flat::FlatHit;
+use crate::world::sight::cosine_density;
 use crate::world::walk::RayCounts;
-use crate::world::{ShadowRay, Stages};
+use crate::world::{Shading, ShadowRay, Stages};
 
 impl<K: Stages> TwoPass<'_, K> {
     /// Adds what arrives along a camera ray to the sample.
@@ -73,16 +76,17 @@ impl<K: Stages> TwoPass<'_, K> {
     }
 
     /// Radiance along one gather ray: as by [`super::final_gather`].
+    #[inline]
     pub(super) fn plain_gathered(
         &self,
-        ray: &Ray,
+        (ray, outlook): (&Ray, &Option<Outlook>),
         depth: u32,
         levels: u32,
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Gathered {
         let mut found = Gathered { reflected: Rgb::BLACK, emitted: Rgb::BLACK, distance: f32::INFINITY };
-        let Some(met) = self.world.meet_flat::<K>(ray) else { return found };
+        let Some(met) = self.world.meet_flat_from::<K>(outlook, ray) else { return found };
         found.distance = met.t;
         if met.front && self.world.partition().leaves_some() && !self.world.partition().found_by_shadow_rays(met.shape as usize) {
             found.emitted = self.world.scene().shapes[met.shape as usize].emitted(crate::math::Vec2::ZERO);
@@ -90,13 +94,33 @@ impl<K: Stages> TwoPass<'_, K> {
         if met.rho.is_black() || depth + 3 > self.settings.max_depth.unwrap_or(u32::MAX) {
             return found;
         }
-        let Some((field, patch)) = self.field.and_then(|field| Some((field, field.patch_on_flat(&met)?))) else { return found };
+        let Some(field) = self.field else { return found };
+        let Some(patch) = field.patch_on_flat(&met) else { return found };
         let stored = field.of_patch(patch, met.t);
         found.reflected = if levels > 0 && stored.is_near {
-            self.near(&self.world.flat_interaction(&met), depth + 1, levels - 1, sampler, counts)
+            self.plain_near(&met, depth + 1, levels - 1, sampler, counts)
         } else {
             RadiosityField::reflected_radiance(met.rho, stored.irradiance)
         };
         found
+    }
+
+    /// Radiance that a wall reflects, by one shadow ray and one gather ray: as by [`super::final_gather`].
+    fn plain_near(&self, met: &FlatHit, depth: u32, levels: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
+        let si = self.world.flat_interaction(met);
+        let lambert = Lambert { frame: Frame::new(met.normal), rho: met.rho };
+        let respond = |ray: &ShadowRay| Scattering { diffuse: lambert.eval(ray.direction), glossy: Rgb::BLACK };
+        let direct = self.world.direct_by::<K>(&si, Some(met.normal), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        let local = warp::cosine_hemisphere(sampler.next_2d());
+        let direction = lambert.frame.to_world(local);
+        let response = lambert.eval(direction);
+        if response.is_black() {
+            return direct;
+        }
+        let density = cosine_density(1.0, local.z);
+        counts.gather += 1;
+        let ray = si.spawn(direction);
+        let found = self.plain_gathered((&ray, &self.world.outlook::<K>(ray.origin)), depth, levels, sampler, counts);
+        direct + response / density * (found.reflected + found.emitted)
     }
 }

@@ -31,6 +31,16 @@ impl Material {
         }
     }
 
+    /// Bound on its reflectance in any channel, if all that it reflects is reflected diffusely.
+    pub fn diffuse_bound(&self) -> Option<f64> {
+        match self {
+            Material::Diffuse { reflectance } => Some(reflectance.max().max()),
+            Material::TwoSided(inner) => inner.diffuse_bound(),
+            Material::Blend { parts, .. } => Some(parts[0].diffuse_bound()?.max(parts[1].diffuse_bound()?)),
+            _ => None,
+        }
+    }
+
     /// True if every colour of it is surely grey. The index of a metal colours what it reflects.
     pub fn is_grey(&self) -> bool {
         let index_is_grey = match self {

@@ -4,7 +4,7 @@ pub mod rgb;
 pub mod sampler;
 pub mod warp;
 
-pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec3A};
+pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec3A, Vec4};
 pub use rgb::Rgb;
 pub use sampler::{Change, Proposal, Sampler, SamplerKind};
 

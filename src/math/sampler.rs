@@ -113,7 +113,10 @@ impl Sampler {
         let mixed = mix(seed ^ mix(key.wrapping_add(GOLDEN)));
         Self {
             kind,
-            state: mix(mixed ^ mix(index.wrapping_add(GOLDEN))),
+            state: match kind {
+                SamplerKind::Independent => mix(mixed ^ mix(index.wrapping_add(GOLDEN))),
+                SamplerKind::Sobol => 0,
+            },
             seed: (mixed ^ (mixed >> 32)) as u32,
             index: (index % u64::from(SAMPLES)) as u32,
             block: (index / u64::from(SAMPLES)) as u32,

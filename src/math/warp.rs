@@ -59,6 +59,21 @@ pub fn sphere(u: Vec2) -> Vec3 {
     cone(u, 2.0)
 }
 
+/// Sine and cosine of `turn` whole turns, `turn` in [0, 1], to 2e-9: Taylor series within an eighth of a turn of each quarter. The
+/// mathematical library gives more digits than a direction in f32 can hold, and takes longer.
+#[inline]
+pub fn sin_cos_of_turn(turn: f64) -> (f64, f64) {
+    let quarter = (4.0 * turn + 0.5) as i64;
+    let x = (4.0 * turn - quarter as f64) * std::f64::consts::FRAC_PI_2;
+    let x2 = x * x;
+    let sin = x * (1.0 + x2 * (-1.0 / 6.0 + x2 * (1.0 / 120.0 + x2 * (-1.0 / 5040.0 + x2 * (1.0 / 362_880.0)))));
+    let cos = 1.0 + x2 * (-0.5 + x2 * (1.0 / 24.0 + x2 * (-1.0 / 720.0 + x2 * (1.0 / 40_320.0 + x2 * (-1.0 / 3_628_800.0)))));
+    let (s, c) = if quarter & 1 == 0 { (sin, cos) } else { (cos, sin) };
+    // Quarters 0 to 3: (s, c), (c, -s), (-s, -c), (-c, s).
+    let sign = |negative: bool, v: f64| if negative { -v } else { v };
+    (sign(quarter & 2 != 0, s), sign((quarter + 1) & 2 != 0, c))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,6 +99,15 @@ mod tests {
         let count = (n * n) as f64;
         assert!((z1 / count - 2.0 / 3.0).abs() < 2.5e-4, "mean cosine {}", z1 / count);
         assert!((z2 / count - 0.5).abs() < 2.5e-4, "mean squared cosine {}", z2 / count);
+    }
+
+    #[test]
+    fn sines_of_turns_are_those_of_the_library() {
+        for k in 0..=100_000 {
+            let turn = f64::from(k) / 1e5;
+            let ((sin, cos), (s, c)) = (sin_cos_of_turn(turn), (std::f64::consts::TAU * turn).sin_cos());
+            assert!((sin - s).abs() < 2e-9 && (cos - c).abs() < 2e-9, "{turn} turns: {sin} {cos}, not {s} {c}");
+        }
     }
 
     #[test]

@@ -168,14 +168,14 @@ mod tests {
         f64::from(Sampler::new(1, key as u64, index).next_1d()) - 0.5
     }
 
-    /// A pass whose samples are 1, and err in the left half of the picture.
+    /// A pass whose samples are 3, and err in the left half of the picture.
     fn pass(allocation: &mut Allocation, film: &mut Film, index: u32) -> f64 {
         let half = (index % 2) as usize;
         let wanted = allocation.next(half).wanted.to_vec();
         let sample = |i: usize| {
             let mut sample = PixelSample { n: wanted[i], ..PixelSample::NONE };
             let error = if i % SIDE < SIDE / 2 { noise(i, index.into()) } else { 0.0 };
-            *sample.layer(Quantity::Direct) = Rgb::grey(f64::from(wanted[i]) * (1.0 + error));
+            *sample.layer(Quantity::Direct) = Rgb::grey(f64::from(wanted[i]) * 3.0 * (1.0 + error));
             sample
         };
         let samples: Vec<PixelSample> = (0..SIDE * SIDE).map(sample).collect();

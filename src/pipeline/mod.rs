@@ -126,6 +126,7 @@ impl RenderSettings {
             mode: self.plan,
             by_stages: self.method.is_by_stages(),
             max_depth: self.max_depth.unwrap_or(world.scene().film.max_depth),
+            error_goal: self.budget.error,
             has_pass_one: read_out.is_some(),
             shows_pass_one: read_out == Some(ReadOut::Stored),
             gathers: matches!(read_out, Some(ReadOut::FinalGather | ReadOut::Progressive)),
@@ -328,7 +329,7 @@ impl ByStages for Render<'_, '_, '_> {
         let Render { world, given, settings, clocks, mut watch, observer, snapshot, plan } = self;
         let scene = world.scene();
         let frame = frame_of(scene, settings)?;
-        let max_depth = settings.max_depth.unwrap_or(scene.film.max_depth);
+        let max_depth = plan.max_depth;
         let mut budget = settings.budget;
         if budget.is_unlimited() {
             budget.spp = Some(scene.film.sample_count);
@@ -362,10 +363,9 @@ impl ByStages for Render<'_, '_, '_> {
             }
         }
         let mut integrator = settings.integrator(max_depth)?;
-        if progressive
-            && is_read
-            && let Some(pass_one) = pass_one.take()
-        {
+        let is_all_specular = !scene.has_diffuse() && scene.may_emit();
+        if progressive && (is_all_specular || (is_read && pass_one.is_some())) {
+            let (pass_one, unread) = if is_read { (pass_one, None) } else { (None, pass_one) };
             let mut method = Progressive::<K>::new(&world, settings, integrator, pass_one, counts);
             let driven = watch.time(Stage::Render, || {
                 let before = take_up(&mut method, settings)?;
@@ -375,7 +375,7 @@ impl ByStages for Render<'_, '_, '_> {
             let Driven { film, complete, counts: pass_two } = driven;
             let unfinished = (!complete).then(|| (pass_two, method.state()));
             let counts = method.counts;
-            let pass_one = Some(method.finish(&mut watch));
+            let pass_one = method.finish(&mut watch).or(unread);
             let stages = watch.stages;
             return Ok(Rendered { pass_one, film, frame, read_out, counts, stages, complete, unfinished, plan, world });
         }

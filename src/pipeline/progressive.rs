@@ -97,7 +97,8 @@ struct State {
 pub(super) struct Progressive<'a, K: Stages> {
     world: &'a World,
     settings: IntegratorSettings,
-    pass_one: PassOne,
+    /// `None` where nothing is diffuse: then there is nothing to gather for either, and all that rounds decide is where samples go.
+    pass_one: Option<PassOne>,
     pass_one_settings: PassOneSettings,
     /// True if the user did not say how fine pass one is to be.
     refines: bool,
@@ -141,12 +142,12 @@ fn refines(asked: &PassOneSettings) -> bool {
 }
 
 impl<'a, K: Stages> Progressive<'a, K> {
-    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`.
+    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`, or from none where nothing is diffuse.
     pub fn new(
         world: &'a World,
         render: &RenderSettings,
         settings: IntegratorSettings,
-        pass_one: PassOne,
+        pass_one: Option<PassOne>,
         counts: RayCounts,
     ) -> Self {
         Self {
@@ -156,9 +157,9 @@ impl<'a, K: Stages> Progressive<'a, K> {
                 direct: if render.image_filter { DirectSampling::FILTERED } else { settings.direct },
                 ..settings
             },
+            refines: pass_one.is_some() && refines(&render.pass_one),
             pass_one,
             pass_one_settings: first_pass_one(&render.pass_one),
-            refines: refines(&render.pass_one),
             pass_one_rays: rays(&counts),
             seed: render.seed,
             is_filtered: render.image_filter,
@@ -179,7 +180,7 @@ impl<'a, K: Stages> Progressive<'a, K> {
     }
 
     /// The last solution; adds what refining it cost to `watch`, of which it was counted as rendering so far.
-    pub fn finish(self, watch: &mut StageCosts) -> PassOne {
+    pub fn finish(self, watch: &mut StageCosts) -> Option<PassOne> {
         watch.move_from_last(self.costs);
         self.pass_one
     }
@@ -234,7 +235,7 @@ impl<'a, K: Stages> Progressive<'a, K> {
         let found = pass_one::solve(self.world, &bounded, self.seed, &mut self.costs, counts, &mut go_on);
         match found {
             Ok(pass_one) => {
-                self.pass_one = pass_one;
+                self.pass_one = Some(pass_one);
                 self.pass_one_settings = settings;
                 true
             }
@@ -286,7 +287,7 @@ impl<'a, K: Stages> Progressive<'a, K> {
         let caustics = self.caustics[half].as_ref();
         TwoPass {
             world: self.world,
-            field: Some(&self.pass_one.field),
+            field: self.pass_one.as_ref().map(|p| &p.field),
             settings: self.settings,
             cache,
             caustics,
@@ -314,7 +315,7 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
         }
         let half = (index % 2) as usize;
         let mut counts = RayCounts::default();
-        if self.caches[half].is_none() {
+        if self.pass_one.is_some() && self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
             self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
             let before = counts.gather;
@@ -362,7 +363,12 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
     }
 
     fn error_over_noise(&self) -> f64 {
-        if self.is_filtered { ERROR_OVER_FILTERED_NOISE } else { ERROR_OVER_NOISE }
+        match (self.is_filtered, self.pass_one.is_some()) {
+            (true, _) => ERROR_OVER_FILTERED_NOISE,
+            (false, true) => ERROR_OVER_NOISE,
+            // Where nothing is gathered noise is all there is.
+            (false, false) => 1.0,
+        }
     }
 
     fn is_filtered(&self) -> bool {

@@ -36,6 +36,8 @@ pub struct Asked {
     pub by_stages: bool,
     /// Longest light path in edges; `None`: unlimited.
     pub max_depth: Option<u32>,
+    /// The error (relMSE) that is good enough; `None`: none is.
+    pub error_goal: Option<f64>,
     /// True if the method has a first pass.
     pub has_pass_one: bool,
     /// True if the first pass is shown as it is, however short the paths.
@@ -43,6 +45,13 @@ pub struct Asked {
     /// True if the method gathers.
     pub gathers: bool,
 }
+
+/// Edges of light straight from a lamp to a surface that is seen.
+const DIRECT: u32 = 2;
+/// What is left out may add this share of the error that is good enough.
+const NEGLIGIBLE: f64 = 0.01;
+/// Added to squared radiances where relative errors are measured: a pixel's squared error counts over at least this.
+const FLOOR: f64 = 0.01;
 
 /// One stage and what becomes of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,6 +73,8 @@ pub struct Plan {
     pub pass_one: bool,
     /// True if pass one solves one channel for the three.
     pub one_channel: bool,
+    /// Longest light path in edges: as asked, or shorter where what is longer is below a hundredth of the error that is good enough.
+    pub max_depth: Option<u32>,
     /// True if there may be light.
     pub light: bool,
     /// True if rays gather at diffuse surfaces, if the method gathers.
@@ -79,6 +90,11 @@ impl Plan {
     /// Decides for a scene.
     pub fn new(world: &World, asked: &Asked) -> Plan {
         let scene = world.scene();
+        let (interreflection, limit) = (interreflection(scene, asked), depth(asked));
+        // Nothing that follows needs to know why paths are short.
+        let is_cut = asked.mode == Mode::Lean && !interreflection.0;
+        let max_depth = if is_cut { Some(DIRECT) } else { asked.max_depth };
+        let asked = &Asked { max_depth, ..*asked };
         let (specular, distant, textures) = (specular(scene), distant(scene), textures(scene));
         let open = specular.0 || distant.0;
         let simple = !specular.0 && !textures.0;
@@ -93,7 +109,8 @@ impl Plan {
             ("three-channels", channels(scene)),
             ("gather", gather(world, asked)),
             ("light-choice", choice(world)),
-            ("depth-limit", depth(asked)),
+            ("depth-limit", limit),
+            ("interreflection", interreflection),
         ];
         let is_needed = |name: &str| verdicts.iter().any(|(stage, (needed, _))| *stage == name && *needed);
         let full = asked.mode == Mode::Full;
@@ -137,7 +154,15 @@ impl Plan {
             let reason = if forced && asked_for { format!("not needed, but --plan full: {reason}") } else { reason };
             Decision { stage, kept: asked_for && (needed || forced), reason }
         };
-        Plan { needs, pass_one, one_channel, light: kept("light"), gather, decisions: verdicts.into_iter().map(decide).collect() }
+        Plan {
+            needs,
+            pass_one,
+            one_channel,
+            max_depth,
+            light: kept("light"),
+            gather,
+            decisions: verdicts.into_iter().map(decide).collect(),
+        }
     }
 }
 
@@ -250,6 +275,28 @@ fn choice(world: &World) -> Verdict {
     match world.partition().shadow_lights().len() {
         n @ 0..=1 => (false, format!("shadow rays have {n} lights to choose from")),
         n => (true, format!("shadow rays may choose among {n} lights")),
+    }
+}
+
+/// Light of three edges or more, where all of it is below the error asked for. The only stage that changes the picture: by less than
+/// its reason says.
+fn interreflection(scene: &Scene, asked: &Asked) -> Verdict {
+    let Some(goal) = asked.error_goal else { return (true, "no --error says what is negligible".to_owned()) };
+    if !(asked.has_pass_one && asked.gathers) {
+        return (true, "only what gathers over a first pass leaves it out".to_owned());
+    }
+    if asked.shows_pass_one || asked.max_depth.is_some_and(|d| d <= DIRECT) {
+        return (true, "no more than what was asked for".to_owned());
+    }
+    let Some(radiance) = scene.interreflection_bound() else {
+        return (true, "there is no bound on what surfaces may add to each other".to_owned());
+    };
+    let error = radiance * radiance / FLOOR;
+    let said = format!("light of three edges or more adds at most {radiance:.1e} to a pixel, relMSE {error:.1e}");
+    if error <= NEGLIGIBLE * goal {
+        (false, format!("{said}: below a hundredth of --error {goal}"))
+    } else {
+        (true, format!("{said}: that is not below a hundredth of --error {goal}"))
     }
 }
 

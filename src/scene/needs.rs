@@ -36,6 +36,31 @@ impl Scene {
         self.environment.is_some() || self.lights.iter().any(Light::is_distant)
     }
 
+    /// Bound on the radiance that light of three edges or more adds to any pixel [W/(m² sr)]; `None` where there is none.
+    ///
+    /// Lamps and surroundings of radiance at most L and suns of irradiance E make H <= pi L + E at any surface, since from each direction
+    /// comes the light of one lamp. What reflects at most rho of that has a radiance of at most rho (L + E/pi), and all further bounces
+    /// together of at most rho / (1 - rho) times that. Points and spots have no bound: light grows with the inverse square of the distance.
+    pub fn interreflection_bound(&self) -> Option<f64> {
+        let mut radiance = self.shapes.iter().map(|shape| shape.emission.max().max()).fold(0.0, f64::max);
+        match self.environment.as_deref() {
+            None => {}
+            Some(Environment::Uniform(all_over)) => radiance = radiance.max(all_over.max()),
+            Some(Environment::Map(_)) => return None,
+        }
+        for light in &self.lights {
+            match light {
+                Light::Directional(sun) => radiance += sun.irradiance.max() / std::f64::consts::PI,
+                Light::Area(_) | Light::Environment(_) => {}
+                Light::Point(_) | Light::Spot(_) => return None,
+            }
+        }
+        let rho =
+            self.used_materials().map(|surface| surface.material.diffuse_bound()).try_fold(0.0, |a: f64, b| Some(a.max(b?)))?;
+        let bound = rho * rho * radiance / (1.0 - rho);
+        (rho < 1.0 && bound.is_finite()).then_some(bound)
+    }
+
     /// True if red, green and blue are surely equal in all that is reflected and emitted.
     pub fn is_grey(&self) -> bool {
         let grey_light = |light: &Light| match light {

@@ -1,10 +1,9 @@
 //! Rooms in which nothing can stand between two surfaces.
 
 use super::World;
-use super::flat::Flat;
 use crate::geometry::{Ray, Soup, triangle};
 use crate::light::Light;
-use crate::math::{DVec2, DVec3, Vec3};
+use crate::math::{DVec2, DVec3, Vec3, Vec4};
 
 /// Planarity and position are judged up to this share of the diagonal: several ulps of a coordinate.
 const ROUNDING: f64 = 1e-6;
@@ -12,8 +11,10 @@ const ROUNDING: f64 = 1e-6;
 const MOST_TRIANGLES: usize = 2048;
 /// Rooms of more walls leave it to the tree which one a ray meets.
 const MOST_WALLS: usize = 8;
-/// So do rays within this sine of a wall's plane, along which rounding grows,
+/// So do rays within this sine of the plane of a wall that they start near or meet, along which rounding grows,
 const GRAZING: f32 = 0.01;
+/// near being this share of the diagonal,
+const NEAR: f64 = 1e-3;
 /// hits whose barycentric weights are less than this from a border, where the engine's rounding decides,
 const BORDER: f64 = 1e-3;
 /// and rooms with triangles lower than this share of the diagonal, where that border would be too narrow.
@@ -31,13 +32,34 @@ pub(super) struct Hull {
 #[derive(Debug)]
 struct Walls {
     /// Components of the unit normals to the inside.
-    normal: [[f32; MOST_WALLS]; 3],
+    normal: [[Vec4; 3]; 2],
     /// Where on its normal each plane lies.
-    offset: [f32; MOST_WALLS],
+    offset: [Vec4; 2],
     /// Triangles of each.
-    triangles: [Vec<u32>; MOST_WALLS],
+    triangles: [Vec<Candidate>; MOST_WALLS],
     /// Heights below this are no more than rounding.
-    rounding: f32,
+    rounding: Vec4,
+    /// Heights below this are near.
+    near: Vec4,
+}
+
+/// A triangle of a wall.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    primitive: u32,
+    /// Barycentric weights of the second and third corner as affine functions of a point, roughly.
+    weights: [(Vec3, f32); 2],
+    /// First corner and edges.
+    place: [DVec3; 3],
+}
+
+/// What a point inside a convex room knows of its walls: rays from there need not find it out one by one.
+#[derive(Debug, Clone, Copy)]
+pub struct Outlook {
+    /// One over the height above each wall; 0 for walls that it stands on.
+    inverse: [Vec4; 2],
+    /// Least sine to each plane of a ray that rounding cannot lead astray.
+    least: [Vec4; 2],
 }
 
 /// Triangles in one plane.
@@ -107,64 +129,93 @@ impl Hull {
         if !facets.iter().all(|f| f.area <= f.hull_area() * (1.0 + ROUNDING)) {
             return None;
         }
-        let walls = (facets.len() <= MOST_WALLS && lowest >= LOWEST * diagonal).then(|| Walls::of(&facets, rounding));
+        let walls = (facets.len() <= MOST_WALLS && lowest >= LOWEST * diagonal).then(|| Walls::of(&facets, soup, diagonal));
         Some(Self { facets, rounding, walls })
     }
 
-    /// The triangle that a ray from inside meets and the barycentric weights there, where no rounding can make it another.
+    /// The walls as seen from a point; `None` if there are too many, or if it may lie outside: on the outer side of a wall, or where a
+    /// camera stands.
     #[inline]
-    pub fn meet(&self, flat: &Flat, ray: &Ray) -> Option<(u32, (f64, f64))> {
+    pub fn outlook(&self, origin: Vec3) -> Option<Outlook> {
         let walls = self.walls.as_ref()?;
-        let candidates = walls.ahead(ray)?;
-        for &primitive in candidates {
-            let [a, b, c] = flat.triangle(primitive).vertices;
-            let (u, v) = triangle::barycentric(ray, a, b, c);
+        let height = [0, 1].map(|half: usize| along(&walls.normal[half], origin) - walls.offset[half]);
+        // False for what is no number as well.
+        if !height.iter().all(|h| h.cmpgt(-walls.rounding).all()) {
+            return None;
+        }
+        Some(Outlook {
+            inverse: height.map(|h| Vec4::select(h.cmpgt(walls.rounding), h.recip(), Vec4::ZERO)),
+            least: height.map(|h| Vec4::select(h.cmplt(walls.near), Vec4::splat(GRAZING), Vec4::NEG_ONE)),
+        })
+    }
+
+    /// The triangle that a ray from inside meets and the barycentric weights there, where no rounding can make it another.
+    ///
+    /// Which wall comes first is found roughly, and then proved: in a convex room the triangle that a line from inside passes through, well
+    /// within its border, is the only one. What the engine might find instead is a wall seen edge-on, by rounding: one that the ray
+    /// starts near, as all others are far from it as long as it is inside.
+    #[inline]
+    pub fn meet(&self, outlook: &Outlook, ray: &Ray) -> Option<(u32, (f64, f64))> {
+        let walls = self.walls.as_ref()?;
+        let cosine = [0, 1].map(|half: usize| along(&walls.normal[half], ray.direction));
+        let is_clear = [0, 1].map(|half: usize| cosine[half].abs().cmpgt(outlook.least[half]).all());
+        // One over the distance to each plane ahead.
+        let rate = [0, 1].map(|half: usize| {
+            Vec4::select(cosine[half].cmplt(Vec4::splat(-GRAZING)), -cosine[half] * outlook.inverse[half], Vec4::ZERO)
+        });
+        let first = rate[0].max(rate[1]).max_element();
+        if !(is_clear[0] && is_clear[1] && first > 0.0 && ray.t_max == f32::INFINITY) {
+            return None;
+        }
+        let at = |half: usize| rate[half].cmpeq(Vec4::splat(first)).bitmask();
+        let wall = (at(0) | at(1) << 4).trailing_zeros() as usize;
+        let point = ray.origin + ray.direction / first;
+        for of in walls.triangles.get(wall)? {
+            let [u, v] = of.weights.map(|(gradient, at_origin)| gradient.dot(point) + at_origin);
+            if u.min(v).min(1.0 - u - v) < 0.0 {
+                continue;
+            }
+            let [a, e1, e2] = of.place;
+            let (u, v) = triangle::barycentric_by_edges(ray, a, e1, e2);
             if u.min(v).min(1.0 - u - v) > BORDER {
-                return Some((primitive, (u, v)));
+                return Some((of.primitive, (u, v)));
             }
         }
         None
     }
 }
 
-impl Walls {
-    fn of(facets: &[Facet], rounding: f64) -> Self {
-        let mut walls = Self {
-            normal: [[0.0; MOST_WALLS]; 3],
-            offset: [0.0; MOST_WALLS],
-            triangles: std::array::from_fn(|_| Vec::new()),
-            rounding: 2.0 * rounding as f32,
-        };
-        for k in 0..MOST_WALLS {
-            let facet = facets.get(k).unwrap_or(&facets[0]);
-            for (axis, n) in facet.normal.to_array().into_iter().enumerate() {
-                walls.normal[axis][k] = n as f32;
-            }
-            walls.offset[k] = facet.normal.dot(facet.origin) as f32;
-            walls.triangles[k].clone_from(&facet.triangles);
-        }
-        walls
-    }
+/// Products of a vector with four normals.
+#[inline]
+fn along(normal: &[Vec4; 3], v: Vec3) -> Vec4 {
+    normal[0] * v.x + normal[1] * v.y + normal[2] * v.z
+}
 
-    /// Triangles of the wall whose plane a ray from inside meets first; `None` along a wall, or for a ray that may start outside: on the
-    /// outer side of a wall, or where a camera stands.
-    #[inline]
-    fn ahead(&self, ray: &Ray) -> Option<&[u32]> {
-        let [o, d] = [ray.origin.to_array(), ray.direction.to_array()];
-        let along = |v: [f32; 3], k: usize| self.normal[0][k] * v[0] + self.normal[1][k] * v[1] + self.normal[2][k] * v[2];
-        let cosine: [f32; MOST_WALLS] = std::array::from_fn(|k| along(d, k));
-        let height: [f32; MOST_WALLS] = std::array::from_fn(|k| along(o, k) - self.offset[k]);
-        let t: [f32; MOST_WALLS] = std::array::from_fn(|k| if cosine[k] < 0.0 { height[k] / -cosine[k] } else { f32::INFINITY });
-        let less = |a: f32, b: f32| if b < a { b } else { a };
-        let flattest = cosine.map(f32::abs).into_iter().reduce(less)?;
-        let first = t.into_iter().reduce(less)?;
-        // False for what is no number as well.
-        let is_clear = height.into_iter().all(|h| h > -self.rounding)
-            && flattest > GRAZING
-            && first < f32::INFINITY
-            && ray.t_max == f32::INFINITY;
-        let wall = t.iter().position(|t| *t == first)?;
-        (is_clear && height[wall] > self.rounding).then(|| self.triangles[wall].as_slice())
+impl Walls {
+    fn of(facets: &[Facet], soup: &Soup, diagonal: f64) -> Self {
+        let at = |k: usize| facets.get(k).unwrap_or(&facets[0]);
+        let four = |half: usize, value: &dyn Fn(&Facet) -> f64| Vec4::from([0, 1, 2, 3].map(|k| value(at(4 * half + k)) as f32));
+        let triangle = |&primitive: &u32| Candidate::of(primitive, soup.corners(primitive as usize));
+        Self {
+            normal: [0, 1].map(|half| [0, 1, 2].map(|axis| four(half, &|f| f.normal[axis]))),
+            offset: [0, 1].map(|half| four(half, &|f| f.normal.dot(f.origin))),
+            triangles: std::array::from_fn(|k| at(k).triangles.iter().map(triangle).collect()),
+            rounding: Vec4::splat((2.0 * ROUNDING * diagonal) as f32),
+            near: Vec4::splat((NEAR * diagonal) as f32),
+        }
+    }
+}
+
+impl Candidate {
+    fn of(primitive: u32, corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners.map(|v| v.as_dvec3());
+        let (e1, e2) = (b - a, c - a);
+        let normal = e1.cross(e2);
+        let affine = |edge: DVec3| {
+            let gradient = edge / normal.length_squared();
+            (gradient.as_vec3(), -gradient.dot(a) as f32)
+        };
+        Self { primitive, weights: [affine(e2.cross(normal)), affine(normal.cross(e1))], place: [a, e1, e2] }
     }
 }
 

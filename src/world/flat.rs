@@ -1,5 +1,6 @@
 //! What is known of every triangle before a ray meets it, in scenes of flat walls that reflect diffusely and alike all over.
 
+use super::convex::Outlook;
 use super::stages::Stages;
 use super::{SurfaceInteraction, World};
 use crate::geometry::{Ray, Soup, triangle};
@@ -81,16 +82,32 @@ pub struct FlatHit {
     pub rho: Rgb,
     /// Unit normal on that side.
     pub normal: Vec3,
-    /// Unit direction to where the ray comes from.
-    wo: Vec3,
+    /// Direction to where the ray comes from, of any length.
+    back: Vec3,
 }
 
 impl World {
+    /// What rays from a point may know beforehand, for [`Self::meet_flat_from`].
+    #[inline]
+    pub fn outlook<K: Stages>(&self, origin: Vec3) -> Option<Outlook> {
+        if K::HULL { self.hull.as_ref()?.outlook(origin) } else { None }
+    }
+
     /// What a ray meets, in a scene of flat walls, of which the plan knows: the same, bit for bit, as by [`World::intersect`].
     #[inline]
     pub fn meet_flat<K: Stages>(&self, ray: &Ray) -> Option<FlatHit> {
+        self.meet_flat_from::<K>(&self.outlook::<K>(ray.origin), ray)
+    }
+
+    /// As [`Self::meet_flat`], by the outlook of the ray's origin.
+    #[inline]
+    pub fn meet_flat_from<K: Stages>(&self, outlook: &Option<Outlook>, ray: &Ray) -> Option<FlatHit> {
         let flat = self.flat.as_ref()?;
-        let by_hull = if K::HULL { self.hull.as_ref().and_then(|hull| hull.meet(flat, ray)) } else { None };
+        let by_hull = match (outlook, &self.hull) {
+            (Some(outlook), Some(hull)) if K::HULL => hull.meet(outlook, ray),
+            _ => None,
+        };
+        let back = -ray.direction;
         let (primitive, place) = match by_hull {
             Some(found) => found,
             None => {
@@ -101,13 +118,13 @@ impl World {
         };
         let of = flat.triangle(primitive);
         let t = triangle::parameter(ray, of.vertices, place);
-        let front = (-ray.direction).dot(of.normal) >= 0.0;
+        let front = back.dot(of.normal) >= 0.0;
         let normal = if front { of.normal } else { -of.normal };
-        let wo = (-ray.direction).normalize();
-        // As Material::diffuse_toward: a viewer in the plane of a face sees nothing of it.
+        // As Material::diffuse_toward: a viewer in the plane of a face sees nothing of it. By the hull no face is met at such an angle.
         let diffuse = front || of.two_sided;
-        let rho = if diffuse && wo.dot(normal) > 0.0 { of.rho } else { Rgb::BLACK };
-        Some(FlatHit { primitive, shape: of.shape, place, t, front, diffuse, rho, normal, wo })
+        let is_seen = (K::HULL && by_hull.is_some()) || back.normalize().dot(normal) > 0.0;
+        let rho = if diffuse && is_seen { of.rho } else { Rgb::BLACK };
+        Some(FlatHit { primitive, shape: of.shape, place, t, front, diffuse, rho, normal, back })
     }
 
     /// The surface there.
@@ -125,7 +142,7 @@ impl World {
             shape: hit.shape,
             primitive: hit.primitive,
             front: hit.front,
-            wo: hit.wo,
+            wo: hit.back.normalize(),
             t: hit.t,
             end: hit.t,
         }

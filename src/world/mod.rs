@@ -1,6 +1,6 @@
 //! A scene made ready for rays: primitives, the tree over them, and what is known at a hit.
 
-mod convex;
+pub mod convex;
 pub mod departure;
 pub mod flat;
 pub mod illumination;

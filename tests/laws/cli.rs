@@ -256,6 +256,31 @@ fn a_render_writes_picture_layers_header_and_report() {
     assert!(report["stages"].as_array().is_some_and(|s| s.iter().any(|s| s["name"] == "render")));
 }
 
+/// What leaving out saved is measured by a second run, and only where that is asked for.
+#[test]
+fn the_report_says_what_the_plan_saved() {
+    let place = Place::new();
+    place.write("room.xml", &room(LAMP));
+    let saving = |flags: &str| -> (serde_json::Value, String) {
+        let (_, err) = place.expect(0, &format!("render room.xml --report r.json {flags} {QUICK}"));
+        let text = std::fs::read_to_string(place.path("r.json")).expect("readable");
+        let report: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        (report["plan_saving"].clone(), err)
+    };
+    let (unmeasured, _) = saving("");
+    assert!(unmeasured["measured"].is_null() && unmeasured["how"].as_str().is_some_and(|s| s.contains("--time-plan")));
+    assert!(unmeasured["left_out"].as_array().is_some_and(|stages| stages.contains(&"light-choice".into())), "{unmeasured}");
+    let (measured, said) = saving("--time-plan");
+    let figure = |name: &str| measured["measured"][name].as_f64().unwrap_or_else(|| panic!("no {name}: {measured}"));
+    assert_eq!(measured["measured"]["same_picture"], true);
+    assert!((figure("full_cpu_s") - figure("lean_cpu_s") - figure("saved_cpu_s")).abs() < 1e-9);
+    assert!(figure("full_cpu_s") > 0.0 && said.contains("the plan saved") && said.contains("light-choice"), "{said}");
+    let (full, said) = saving("--time-plan --plan full");
+    assert!(full["measured"].is_null() && said.contains("nothing was left out"), "{full}");
+    let (_, err) = place.expect(2, "render room.xml --time-plan --resume");
+    assert!(err.contains("--resume"), "{err}");
+}
+
 #[test]
 fn flags_override_the_scene() {
     let place = Place::new();

@@ -145,6 +145,25 @@ fn mirrors_alone_need_no_pass_one() {
     assert!(twin.counts.form_factor > 0 && twin.pass_one.is_some());
 }
 
+/// Where nothing is diffuse samples go where the error is all the same: to the edges of a mirror before the sky, which alone are noisy.
+#[test]
+fn samples_are_allotted_among_mirrors_too() {
+    let scene = || {
+        let mut room = Room::new(DVec3::new(0.0, 0.3, -2.0), DVec3::ZERO, 32);
+        let mirror = room.mirror(0.3);
+        room.quad(DVec3::new(-1.03, 0.0, -1.0), DVec3::new(0.1, 0.0, 2.0), DVec3::X * 2.0, mirror, 0.0);
+        room.source.environment = Some(Environment::Uniform(Rgb::grey(0.5)));
+        room.scene()
+    };
+    let error = |read_out| {
+        let [lean, _] = both(&scene(), &RenderSettings { read_out, ..quick(64, 0.5) }, "a mirror under the sky");
+        lean.film.estimated_relmse().expect("two halves")
+    };
+    let (allotted, even) = (error(None), error(Some(ReadOut::FinalGather)));
+    // Most pixels see no edge: those that do can have several times their even share.
+    assert!(allotted > 0.0 && allotted < 0.6 * even, "relMSE {allotted:e}, and {even:e} by even samples");
+}
+
 /// Two edges: light straight from lamps, glowing walls and the sky; nothing of pass one. The glowing walls of a furnace give
 /// L_e (1 + rho) then, whatever the read-out.
 #[test]
@@ -195,6 +214,73 @@ fn a_convex_room_needs_no_test_of_visibility() {
     // The light is outside, above the ceiling: nothing comes in.
     let [outside, _] = both(&room(0.5, false), &settings, "light outside");
     assert!(outside.counts.visibility > 0 && mean(&outside) == 0.0);
+}
+
+/// A camera outside a convex room looks at walls from behind, or in through a wall that is not there: neither plan may take its rays for
+/// such as start inside.
+#[test]
+fn a_camera_outside_a_convex_room_sees_its_outside() {
+    let settings = quick(4, 0.5);
+    let room = |eye: DVec3, two_sided: bool, open: bool| {
+        let mut room = Room::new(eye, DVec3::new(0.05, -0.1, 0.0), 8);
+        let wall = room.material(Material::Diffuse { reflectance: Texture::grey(0.5) }, two_sided);
+        room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [wall; 6], [0.0; 6]);
+        if open {
+            // Without the wall at z = -1.
+            room.source.shapes.remove(4);
+        }
+        room.point_light(DVec3::new(0.1, 0.6, 0.2), 2.0);
+        room.scene()
+    };
+    let places = [DVec3::new(0.2, 0.1, -3.0), DVec3::new(3.0, 0.4, -2.5), DVec3::new(-2.0, 2.5, 1.5), DVec3::new(0.1, -4.0, 0.2)];
+    for eye in places {
+        for two_sided in [false, true] {
+            let [lean, _] = both(&room(eye, two_sided, false), &settings, &format!("closed, seen from {eye}"));
+            assert!(lean.counts.visibility == 0 && !keeps(&lean, "visibility"), "the room is convex wherever the camera is");
+            assert_eq!(mean(&lean), 0.0, "light inside is seen from {eye}, two-sided {two_sided}");
+        }
+    }
+    let [seen, _] = both(&room(places[0], false, true), &settings, "through the open side");
+    assert!(mean(&seen) > 0.0, "nothing is seen through the open side");
+}
+
+/// The one stage that changes the picture, by less than its bound: light of three edges or more, where all of it is below a hundredth of the
+/// error asked for.
+#[test]
+fn bounces_below_the_error_asked_for_are_left_out() {
+    const LAMP: f64 = 8.0;
+    // The camera sees a part of one wall, where light varies smoothly: no edge adds noise.
+    let scene = |rho: f64| {
+        let mut room = Room::new(DVec3::new(0.2, 0.1, 0.9), DVec3::new(0.2, 0.1, 1.0), 8);
+        let (wall, black) = (room.grey(rho), room.grey(0.0));
+        room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [wall; 6], [0.0; 6]);
+        lamp(&mut room, black, 0.9);
+        room.scene()
+    };
+    let asked = |error: Option<f64>| {
+        let mut settings = quick(64, 0.5);
+        settings.budget.error = error;
+        settings
+    };
+    let (settings, rho) = (asked(Some(0.01)), 0.01);
+    let [lean, full] = [Mode::Lean, Mode::Full].map(|plan| run(scene(rho), &RenderSettings { plan, ..settings.clone() }));
+    assert!(!keeps(&lean, "interreflection") && keeps(&full, "interreflection"));
+    assert_eq!((lean.counts.form_factor, lean.counts.gather), (0, 0));
+    assert!(full.counts.form_factor > 0 && full.counts.gather > 0);
+    let missing = mean(&full) - mean(&lean);
+    let bound = rho * rho * LAMP / (1.0 - rho);
+    assert!(missing > 0.0 && missing < bound, "{missing:e} is missing, at most {bound:e} may be");
+    let reason = &lean.plan.decisions.iter().find(|d| d.stage == "interreflection").expect("named").reason;
+    assert!(reason.contains("8.1e-4") && reason.contains("6.5e-5"), "the bounds are not told: {reason}");
+    // A stricter goal, none at all, and lighter walls need it; without it those would be wrong by far more than the goal.
+    for (rho, error) in [(0.01, Some(1e-6)), (0.01, None), (0.5, Some(0.01))] {
+        let [twin, _] = both(&scene(rho), &asked(error), &format!("rho {rho}, error {error:?}"));
+        assert!(keeps(&twin, "interreflection") && twin.counts.form_factor > 0);
+        if rho == 0.5 {
+            let cut = run(scene(rho), &RenderSettings { max_depth: Some(Some(2)), ..asked(error) });
+            assert!(mean(&cut) < 0.8 * mean(&twin), "{} and {}", mean(&cut), mean(&twin));
+        }
+    }
 }
 
 #[test]

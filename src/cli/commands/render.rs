@@ -8,7 +8,7 @@ use crate::cli::output::say;
 use crate::cli::progress::{Display, observer};
 use crate::cli::snapshots::Snapshots;
 use crate::cli::values::read_out_name;
-use crate::cli::{header, report, scene_file};
+use crate::cli::{header, report, saving, scene_file};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use twopass::film::io::{Header, Operator, ToneMap, WriteError, probe_writable, write_exr, write_png};
@@ -83,10 +83,11 @@ pub fn run(common: &Common, args: &RenderArgs) -> Result<(), Failure> {
     }
     let mut run_report = report::begin(common, &loaded, job.settings.method.name(), watch.elapsed());
     describe(&mut run_report, &job);
+    let again = args.time_plan.then(|| loaded.scene.clone());
     match render(&job, loaded, kept) {
         Ok((rendered, snapshots)) => {
             run_report.snapshots = snapshots?;
-            finish(&job, &rendered, run_report)
+            finish(&job, &rendered, run_report, again)
         }
         Err(error) => Err(report::no_result(common, &mut run_report, &interrupt, error)),
     }
@@ -266,8 +267,19 @@ fn write_partial(job: &Job, film: &Film) {
     }
 }
 
+/// Renders a second time with every stage at work. The picture is there, whatever becomes of that.
+fn time_plan(job: &Job, rendered: &Rendered, run_report: &mut RunReport, scene: Scene) {
+    let mut observer = observer(Display::new(job.common), job.interrupt);
+    let left_out = run_report.plan_saving.left_out.clone();
+    match saving::measure((rendered, left_out), scene, &job.settings, &mut observer) {
+        Ok(saving) => run_report.plan_saving = saving,
+        Err(error) => run_report.plan_saving.how = format!("not measured: {error}"),
+    }
+    saving::tell(job.common, &run_report.plan_saving);
+}
+
 /// Writes what was rendered, complete or not, and says how it went.
-fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(), Failure> {
+fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport, again: Option<Scene>) -> Result<(), Failure> {
     let targets = &job.targets;
     report::add_plan(&mut run_report, &rendered.plan);
     report::add_costs(&mut run_report, &rendered.stages, &rendered.counts);
@@ -286,6 +298,9 @@ fn finish(job: &Job, rendered: &Rendered, mut run_report: RunReport) -> Result<(
         write_exr(&targets.exr, &layers, &exr_header)
             .and_then(|()| write_png(&targets.png, &rendered.film.image(), &tone_map(job.args)))
     });
+    if let Some(scene) = again.filter(|_| rendered.complete) {
+        time_plan(job, rendered, &mut run_report, scene);
+    }
     report::finish(job.common, &mut run_report)?;
     written?;
     if rendered.complete && (job.args.resume || job.args.partial_every.is_some()) {

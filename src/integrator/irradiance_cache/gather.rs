@@ -4,7 +4,7 @@ use super::Record;
 use crate::geometry::Ray;
 use crate::integrator::TwoPass;
 use crate::integrator::final_gather::NEAR_LEVELS;
-use crate::math::{Frame, Rgb, Sampler, Vec3};
+use crate::math::{Frame, Rgb, Sampler, Vec3, warp};
 use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::RayCounts;
 use crate::world::{Sight, Stages, SurfaceInteraction};
@@ -23,11 +23,11 @@ pub(super) struct GatherSettings {
 
 /// What one ray of the hemisphere found.
 #[derive(Clone, Copy)]
-struct Seen {
-    /// Radiance, as the diffuse part accepts it.
-    radiance: Rgb,
+struct Seen<const N: usize> {
+    /// Radiance, as the diffuse part accepts it, in as many channels as differ.
+    radiance: [f64; N],
     /// Part of it that is emission.
-    emitted: Rgb,
+    emitted: [f64; N],
     /// One over the distance to what was seen; 0 for what is infinitely far.
     nearness: f64,
 }
@@ -42,6 +42,22 @@ impl<K: Stages> TwoPass<'_, K> {
         reach: [f32; 2],
         counts: &mut RayCounts,
     ) -> Record {
+        if K::COLOUR {
+            self.gather_channels::<3>(si, key, settings, reach, counts)
+        } else {
+            self.gather_channels::<1>(si, key, settings, reach, counts)
+        }
+    }
+
+    /// The same; the first `N` channels are computed, the others, if any, are as the first.
+    fn gather_channels<const N: usize>(
+        &self,
+        si: &SurfaceInteraction,
+        key: u64,
+        settings: &GatherSettings,
+        reach: [f32; 2],
+        counts: &mut RayCounts,
+    ) -> Record {
         let shading = self.world.shading_by::<K>(si);
         let frame = Frame::new(shading.normal());
         let rings = ((f64::from(settings.rays) / PI).sqrt().round() as usize).max(3);
@@ -49,14 +65,15 @@ impl<K: Stages> TwoPass<'_, K> {
         let mut seen = Vec::with_capacity(rings * sectors);
         // On this side of the face all rays start at one point.
         let start = si.spawn(si.ng).origin;
+        let outlook = self.world.outlook::<K>(start);
         for j in 0..rings {
             for k in 0..sectors {
                 let mut sampler = Sampler::new(settings.seed, key, (j * sectors + k) as u64);
                 let u = sampler.next_2d();
                 let sin2 = (j as f64 + f64::from(u.x)) / rings as f64;
-                let phi = TAU * (k as f64 + f64::from(u.y)) / sectors as f64;
+                let (sin_phi, cos_phi) = warp::sin_cos_of_turn((k as f64 + f64::from(u.y)) / sectors as f64);
                 let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(1e-6).sqrt());
-                let local = Vec3::new((sin * phi.cos()) as f32, (sin * phi.sin()) as f32, cos as f32);
+                let local = Vec3::new((sin * cos_phi) as f32, (sin * sin_phi) as f32, cos as f32);
                 let direction = frame.to_world(local);
                 let origin = Origin {
                     point: si.point,
@@ -66,20 +83,20 @@ impl<K: Stages> TwoPass<'_, K> {
                 };
                 // Bent normals look below the face itself, where nothing arrives.
                 if direction.dot(si.ng) <= 0.0 {
-                    seen.push(Seen { radiance: Rgb::BLACK, emitted: Rgb::BLACK, nearness: 0.0 });
+                    seen.push(Seen::<N> { radiance: [0.0; N], emitted: [0.0; N], nearness: 0.0 });
                     continue;
                 }
                 counts.gather += 1;
                 let (found, acceptance) = if K::PLAIN {
                     let ray = Ray::new(start, direction);
-                    (self.plain_gathered(&ray, 0, NEAR_LEVELS, &mut sampler, counts), Rgb::WHITE)
+                    (self.plain_gathered((&ray, &outlook), 0, NEAR_LEVELS, &mut sampler, counts), Rgb::WHITE)
                 } else {
                     let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
                     (found, shading.acceptance(direction))
                 };
                 seen.push(Seen {
-                    radiance: (found.reflected + found.emitted) * acceptance,
-                    emitted: found.emitted * acceptance,
+                    radiance: first((found.reflected + found.emitted) * acceptance),
+                    emitted: first(found.emitted * acceptance),
                     nearness: 1.0 / f64::from(found.distance).max(1e-30),
                 });
             }
@@ -87,23 +104,22 @@ impl<K: Stages> TwoPass<'_, K> {
         self.record_of(si, &frame, &seen, rings, settings.accuracy, reach)
     }
 
-    fn record_of(
+    fn record_of<const N: usize>(
         &self,
         si: &SurfaceInteraction,
         frame: &Frame,
-        seen: &[Seen],
+        seen: &[Seen<N>],
         rings: usize,
         accuracy: f32,
         reach: [f32; 2],
     ) -> Record {
         let n = seen.len() as f64;
-        let irradiance: Rgb = seen.iter().map(|s| s.radiance).sum::<Rgb>() * (PI / n);
-        let emitted: Rgb = seen.iter().map(|s| s.emitted).sum::<Rgb>() * (PI / n);
+        let irradiance = sum(seen.iter().map(|s| &s.radiance)) * (PI / n);
+        let emitted = sum(seen.iter().map(|s| &s.emitted)) * (PI / n);
         let share = |e: f64, h: f64| if h > 0.0 { e / h } else { 0.0 };
         let emitted_share =
             Rgb::new(share(emitted.r, irradiance.r), share(emitted.g, irradiance.g), share(emitted.b, irradiance.b));
-        let (rotation, translation) =
-            if K::COLOUR { gradients::<3>(frame, seen, rings) } else { gradients::<1>(frame, seen, rings) };
+        let (rotation, translation) = gradients(frame, seen, rings);
         let mean_nearness = seen.iter().map(|s| s.nearness).sum::<f64>() / n;
         let harmonic = (1.0 / mean_nearness.max(1e-30)) as f32;
         // Where irradiance changes fast, a record holds less far.
@@ -115,12 +131,32 @@ impl<K: Stages> TwoPass<'_, K> {
     }
 }
 
+/// The first channels of a colour.
+#[inline]
+fn first<const N: usize>(colour: Rgb) -> [f64; N] {
+    let all = colour.to_array();
+    std::array::from_fn(|c| all[c])
+}
+
+/// Sums of the channels; those that are not there are as the first.
+fn sum<'a, const N: usize>(values: impl Iterator<Item = &'a [f64; N]>) -> Rgb {
+    let mut sum = [0.0; N];
+    values.for_each(|value| sum.iter_mut().zip(value).for_each(|(sum, v)| *sum += v));
+    Rgb::from([0, 1, 2].map(|c: usize| sum[c.min(N - 1)]))
+}
+
 /// Rotation and translation gradients per channel, in world axes: [Ward92], equations for a hemisphere of rings and sectors of equal
 /// projected solid angle. The first `N` channels are computed; the others, if any, are as the first.
-fn gradients<const N: usize>(frame: &Frame, seen: &[Seen], rings: usize) -> ([Vec3; 3], [Vec3; 3]) {
+fn gradients<const N: usize>(frame: &Frame, seen: &[Seen<N>], rings: usize) -> ([Vec3; 3], [Vec3; 3]) {
     let sectors = seen.len() / rings;
     let at = |j: usize, k: usize| seen[j * sectors + k % sectors];
     let edge_sin2 = |j: usize| j as f64 / rings as f64;
+    // Of each ring: tangent of its middle, its width, and what its inner edge counts.
+    let of_ring = |j: usize| {
+        let (sin2, s2) = ((j as f64 + 0.5) / rings as f64, edge_sin2(j));
+        [(sin2 / (1.0 - sin2)).sqrt(), edge_sin2(j + 1).sqrt() - s2.sqrt(), s2.sqrt() * (1.0 - s2)]
+    };
+    let of_rings: Vec<[f64; 3]> = (0..rings).map(of_ring).collect();
     let mut rotation = [[0.0_f64; 2]; N];
     let mut translation = [[0.0_f64; 2]; N];
     for k in 0..sectors {
@@ -129,24 +165,22 @@ fn gradients<const N: usize>(frame: &Frame, seen: &[Seen], rings: usize) -> ([Ve
         let (u, v) = ([middle.cos(), middle.sin()], [-middle.sin(), middle.cos()]);
         let v_border = [-border.sin(), border.cos()];
         let (mut turned, mut radial, mut across) = ([0.0; N], [0.0; N], [0.0; N]);
-        for j in 0..rings {
+        for (j, &[tangent, width, edge]) in of_rings.iter().enumerate() {
             let here = at(j, k);
-            let sin2 = (j as f64 + 0.5) / rings as f64;
-            let tangent = (sin2 / (1.0 - sin2)).sqrt();
             let beside = at(j, k + sectors - 1);
-            let width = edge_sin2(j + 1).sqrt() - edge_sin2(j).sqrt();
             let across_by = width * here.nearness.max(beside.nearness);
-            let (value, next) = (here.radiance.to_array(), beside.radiance.to_array());
+            let (value, next) = (here.radiance, beside.radiance);
             for ((turned, across), (value, next)) in turned.iter_mut().zip(&mut across).zip(value.into_iter().zip(next)) {
                 *turned += value * tangent;
                 *across += (value - next) * across_by;
             }
             if j > 0 {
                 let inner = at(j - 1, k);
-                let (s2, near) = (edge_sin2(j), here.nearness.max(inner.nearness));
-                let radial_by = s2.sqrt() * (1.0 - s2) * near;
-                let inner = inner.radiance.to_array();
-                radial.iter_mut().zip(value.into_iter().zip(inner)).for_each(|(sum, (v, i))| *sum += (v - i) * radial_by);
+                let radial_by = edge * here.nearness.max(inner.nearness);
+                radial
+                    .iter_mut()
+                    .zip(value.into_iter().zip(inner.radiance))
+                    .for_each(|(sum, (v, i))| *sum += (v - i) * radial_by);
             }
         }
         for (rotation, turned) in rotation.iter_mut().zip(turned) {

@@ -283,6 +283,35 @@ pub fn bright_beside_dark(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         / both.iter().map(|b| b.1).filter(|h| *h > 0.0).fold(f64::INFINITY, f64::min);
     let told = format!("irradiances span a factor of {ratio:.1e}");
     rows.error("two rooms and a slit", "both lamps = the sum of each, in every patch", "sum", told, error, 1e-4, None);
+    faint_as_bright(rows, &irradiances)
+}
+
+/// Place along x and irradiance of the patches of a room.
+type Irradiances = dyn Fn(&Room) -> Result<Vec<(f64, f64)>, Trouble>;
+
+/// What is faint is not rounded away: a lamp gives as much more light as it is stronger, however weak it is. A threshold in units of
+/// radiance would hide from the rows above, where both sides of the equation fall below it.
+fn faint_as_bright(rows: &mut Rows<'_>, irradiances: &Irradiances) -> Result<(), Trouble> {
+    for gap in [0.0, 0.05] {
+        let (faint, one) = (irradiances(&two_rooms(1e-6, 0.0, gap))?, irradiances(&two_rooms(1.0, 0.0, gap))?);
+        let error = faint.iter().zip(&one).map(|((_, f), (_, o))| if f == o { 0.0 } else { (f / (o * 1e-6) - 1.0).abs() });
+        let error = error.fold(0.0, |a: f64, b| if b > a || b.is_nan() { b } else { a });
+        let lit = one.iter().filter(|(_, h)| *h > 0.0).count();
+        let name = if gap > 0.0 { "a faint lamp alone, slit open" } else { "a faint lamp alone" };
+        let law = "every patch by a lamp of 1e-6 = 1e-6 times by a lamp of 1";
+        rows.error(name, law, "by a lamp of 1", format!("worst of {lit} lit patches"), error, 1e-9, None);
+    }
+    let seen = |emission: f64| -> Result<Vec<f64>, Trouble> {
+        let image = rooms::picture(two_rooms(emission, 0.0, 0.0).scene()?, &quick(8, 0.25))?.film.image();
+        Ok(image.pixels().iter().flatten().map(|v| f64::from(*v)).collect())
+    };
+    // By a power of two, so that rounding decides nothing.
+    let scale = 2.0_f64.powi(-20);
+    let (faint, one) = (seen(scale)?, seen(1.0)?);
+    let differing = faint.iter().zip(&one).filter(|(f, o)| **f != *o * scale).count();
+    let is_so = differing == 0 && one.iter().any(|v| *v > 0.0);
+    let law = "the picture by a lamp of 2^-20 = 2^-20 times that by a lamp of 1";
+    rows.holds("a faint lamp alone, seen", law, "same bits", format!("{differing} of {} values differ", one.len()), is_so);
     Ok(())
 }
 
