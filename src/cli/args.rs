@@ -10,7 +10,7 @@ pub use form_factors::{FormFactorsArgs, GroupingName};
 use super::method_args::MethodArgs;
 use super::values::{
     Crop, Define, Depth, Size, parse_bytes, parse_count, parse_crop, parse_depth, parse_finite, parse_form_factors, parse_light,
-    parse_method, parse_positive, parse_read_out, parse_sampler, parse_solver, parse_whole,
+    parse_method, parse_positive, parse_read_out, parse_sampler, parse_solver, parse_switch, parse_whole,
 };
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -178,6 +178,9 @@ pub struct PassTwoArgs {
     /// Longest light path in edges; -1: unlimited; default: the scene's
     #[arg(long, value_name = "N", value_parser = parse_depth, allow_negative_numbers = true, help_heading = "Pass two")]
     pub max_depth: Option<Depth>,
+    /// Filter of the two-pass picture by what its two halves agree on: on, off
+    #[arg(long, value_name = "ON", default_value = "on", action = clap::ArgAction::Set, value_parser = parse_switch, help_heading = "Pass two")]
+    pub image_filter: bool,
     /// Gather rays per sample
     #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Pass two")]
     pub gather_rays: Option<u32>,

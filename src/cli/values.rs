@@ -169,6 +169,15 @@ pub fn parse_sampler(text: &str) -> Result<SamplerKind, String> {
     SamplerKind::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| format!("expected one of {names}"))
 }
 
+/// Parses `on` or `off`.
+pub fn parse_switch(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("expected on or off".to_owned()),
+    }
+}
+
 /// Parses the name of a solver.
 pub fn parse_solver(text: &str) -> Result<Solver, String> {
     let names = Solver::ALL.map(Solver::name).join(", ");

@@ -3,6 +3,7 @@
 mod atomic;
 mod exr_in;
 mod exr_out;
+mod filter;
 pub mod guard;
 pub mod image;
 pub mod io;
@@ -17,6 +18,7 @@ pub use mask::Mask;
 
 use crate::math::Rgb;
 use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
 
 /// Halves that differ by no more than this share of their sum are the same picture: its pixels are f32.
 const ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
@@ -127,6 +129,9 @@ pub struct Film {
     signed: bool,
     /// Squared error over the noise that the halves show.
     error_over_noise: f64,
+    /// The filtered picture, once it was asked for; `None` if there is to be none.
+    #[serde(skip)]
+    filtered: Option<OnceLock<filter::Filtered>>,
     non_finite: u64,
     first_non_finite: Option<usize>,
 }
@@ -144,6 +149,7 @@ impl Film {
             passes: [0; 2],
             signed: false,
             error_over_noise: 1.0,
+            filtered: None,
             non_finite: 0,
             first_non_finite: None,
         }
@@ -159,6 +165,24 @@ impl Film {
     #[must_use]
     pub fn with_error_over_noise(self, factor: f64) -> Self {
         Self { error_over_noise: factor, ..self }
+    }
+
+    /// The same film, whose picture is filtered, if `filtered`, by what its two halves agree on: for methods whose pixels may tell of each other. The layers
+    /// stay as they are.
+    #[must_use]
+    pub fn filtered(self, filtered: bool) -> Self {
+        Self { filtered: filtered.then(OnceLock::new), ..self }
+    }
+
+    /// What the filter makes of the picture, made once; `None` without one, and before both halves have samples.
+    fn developed(&self) -> Option<&filter::Filtered> {
+        let is_there = self.width * self.height > 0 && !self.passes.contains(&0);
+        self.filtered.as_ref().filter(|_| is_there).map(|made| made.get_or_init(|| filter::filter(self)))
+    }
+
+    /// Filters the picture, if it is to be, so that who asks for it next finds it done.
+    pub fn develop(&self) {
+        self.developed();
     }
 
     /// Width in pixels.
@@ -201,6 +225,9 @@ impl Film {
             self.layers[pixel].iter_mut().zip(&sample.layers).for_each(|(sum, value)| *sum += *value);
         }
         self.passes[half] += 1;
+        if let Some(filtered) = &mut self.filtered {
+            filtered.take();
+        }
     }
 
     /// Samples of pixel `i` so far.
@@ -208,8 +235,26 @@ impl Film {
         f64::from((self.taken[0][i] + self.taken[1][i]).max(1))
     }
 
-    /// Mean radiance of all samples.
+    /// Samples of pixel `i` so far, by half.
+    pub fn taken(&self, i: usize) -> [u32; 2] {
+        [self.taken[0][i], self.taken[1][i]]
+    }
+
+    /// Mean radiance of the samples that one half has of pixel `i`, as they are.
+    pub fn half_mean(&self, half: usize, i: usize) -> Rgb {
+        self.halves[half][i] / f64::from(self.taken[half][i].max(1))
+    }
+
+    /// Mean radiance of all samples; filtered, if it is to be.
     pub fn image(&self) -> Image {
+        if let Some(developed) = self.developed() {
+            return self.picture_of(|i| developed.image[i]);
+        }
+        self.unfiltered()
+    }
+
+    /// Mean radiance of all samples, as they are.
+    pub fn unfiltered(&self) -> Image {
         self.picture_of(|i| (self.halves[0][i] + self.halves[1][i]) / self.n_samples(i))
     }
 
@@ -218,9 +263,9 @@ impl Film {
         self.picture_of(|i| self.layers[i][layer as usize] / self.n_samples(i))
     }
 
-    /// Variance of the pixel's mean, from the two halves: one degree of freedom a pixel. Black before the second pass.
+    /// Variance of the pixel, from the two halves (filtered, if the picture is): one degree of freedom a pixel. Black before the second pass.
     pub fn variance_image(&self) -> Image {
-        self.picture_of(|i| self.half_variance(i))
+        self.picture_of(|i| self.variance(i))
     }
 
     /// Predicted relmse of the picture by its own two halves: mean of its [variance](Self::variance_image) over S²+0.01, S the mean over
@@ -231,7 +276,7 @@ impl Film {
         }
         let smooth = self.image().box_filtered(2);
         let pixel = |i: usize| {
-            let (v, s) = (self.half_variance(i), smooth.pixels()[i]);
+            let (v, s) = (self.variance(i), smooth.pixels()[i]);
             (0..3).map(|c| v[c] / (f64::from(s[c]) * f64::from(s[c]) + 0.01)).sum::<f64>()
         };
         let n = self.width * self.height;
@@ -253,9 +298,13 @@ impl Film {
         (0..w * h).filter(|&i| outshines(i)).count() as u64
     }
 
+    fn variance(&self, i: usize) -> Rgb {
+        self.developed().map_or_else(|| self.half_variance(i), |developed| developed.variance[i])
+    }
+
     /// Variance of the mean of pixel `i`: of two means over a and b samples, ab/(a+b)² of their squared difference, which is a quarter where
     /// the halves have as many.
-    fn half_variance(&self, i: usize) -> Rgb {
+    pub fn half_variance(&self, i: usize) -> Rgb {
         let [a, b] = [0, 1].map(|half: usize| f64::from(self.taken[half][i]));
         if a * b == 0.0 {
             return Rgb::BLACK;

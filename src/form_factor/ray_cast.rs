@@ -100,6 +100,11 @@ impl ByStages for CastRows<'_> {
     }
 }
 
+/// 1 if a walk has met patches before, else 0.
+pub fn again(met: u32) -> f64 {
+    f64::from(u8::from(met > 0))
+}
+
 /// The row of one patch.
 fn cast_row<K: Stages>(
     world: &World,
@@ -112,6 +117,7 @@ fn cast_row<K: Stages>(
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
     let (mut escaped, mut truncated) = (Rgb::BLACK, Rgb::BLACK);
     let (mut arriving, mut accepted) = (Rgb::BLACK, Rgb::BLACK);
+    let (mut passed_on, mut passed_out, mut arriving_again) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
     let rays = settings.rays_of(patches, id.0 as usize);
     for k in 0..rays {
         let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
@@ -130,30 +136,45 @@ fn cast_row<K: Stages>(
         let sampling = DirectSampling::OF_PATCHES;
         let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
         let mut found = Rgb::BLACK;
+        // Patches met so far: what comes from beyond them has fallen on them.
+        let mut met = 0;
         world.follow_by::<K>(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
+                // What is seen directly is known exactly by the form factor.
+                if through > 0 && at.front {
+                    let light = throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
+                    found += light;
+                    arriving_again += light * again(met);
+                }
                 if let Some(j) = patches.patch_at(at) {
                     if through == 0 {
                         direct.push(j.0);
                     } else {
                         specular.push((j.0, throughput));
+                        passed_on += throughput * again(met);
                     }
-                }
-                // What is seen directly is known exactly by the form factor.
-                if through > 0 && at.front {
-                    found += throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
+                    met += 1;
                 }
             }
             // Gloss is an event like any other, though its light comes by a shadow ray.
-            Event::Lit { radiance, .. } if settings.max_events > 0 => found += radiance,
+            Event::Lit { radiance, .. } if settings.max_events > 0 => {
+                found += radiance;
+                arriving_again += radiance * again(met);
+            }
             Event::Lit { .. } => {}
             Event::Escaped { direction, throughput, share, .. } => {
                 escaped += throughput;
+                passed_out += throughput * again(met);
                 if K::DISTANT {
-                    found += throughput * world.scene().escaped_radiance(direction) * share;
+                    let light = throughput * world.scene().escaped_radiance(direction) * share;
+                    found += light;
+                    arriving_again += light * again(met);
                 }
             }
-            Event::Truncated { throughput } => truncated += throughput,
+            Event::Truncated { throughput } => {
+                truncated += throughput;
+                passed_out += throughput * again(met);
+            }
         });
         if !found.is_black() {
             arriving += found;
@@ -173,8 +194,11 @@ fn cast_row<K: Stages>(
     let outside = OutsideRow {
         escaped: (escaped * share).to_array().map(|v| v as f32),
         truncated: (truncated * share).to_array().map(|v| v as f32),
+        passed_on: (passed_on * share).to_array().map(|v| v as f32),
+        passed_out: (passed_out * share).to_array().map(|v| v as f32),
         arriving: arriving * share,
         accepted: accepted * share,
+        arriving_again: arriving_again * share,
     };
     (row, outside, counts)
 }

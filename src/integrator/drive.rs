@@ -65,9 +65,14 @@ impl Clocks {
         self.before.1 + (self.cpu_now)() - self.cpu_started - self.excluded.get().1
     }
 
+    /// Wall and CPU seconds that count.
+    pub fn read(&self) -> (f64, f64) {
+        (self.wall(), self.cpu())
+    }
+
     /// Does work that is no part of the run, such as writing pictures by which the run is measured: it counts for no budget.
     pub fn exclude<T>(&self, work: impl FnOnce() -> T) -> T {
-        let before = (self.wall(), self.cpu());
+        let before = self.read();
         let result = work();
         let (wall, cpu) = self.excluded.get();
         self.excluded.set((wall + self.wall() - before.0, cpu + self.cpu() - before.1));
@@ -113,12 +118,14 @@ pub fn drive(
             (film.with_error_over_noise(integrator.error_over_noise()), RayCounts::default())
         }
     };
+    film = film.filtered(integrator.is_filtered());
     let start = Start { wall: clocks.wall(), cpu: clocks.cpu(), passes: film.n_passes() };
     let mut index = film.n_passes();
     if index > 0 && fraction_done(budget, clocks, &start, &film) >= 1.0 {
         return Driven { film, counts, complete: true };
     }
     loop {
+        integrator.look_at(&film);
         let (samples, pass_counts) = integrator.pass(frame, index);
         film.add_pass(index, &samples);
         counts += pass_counts;
@@ -126,6 +133,7 @@ pub fn drive(
         snapshot(&film, &counts, integrator);
         let done = fraction_done(budget, clocks, &start, &film);
         if done >= 1.0 {
+            film.develop();
             return Driven { film, counts, complete: true };
         }
         if let ControlFlow::Break(()) = observer(&Progress { stage: Stage::Render, done, total: 1.0 }) {
@@ -152,9 +160,9 @@ fn fraction_done(budget: &Budget, clocks: &Clocks, started: &Start, film: &Film)
     let by_spp = budget.spp.map_or(0.0, |spp| f64::from(passes) / f64::from(spp));
     let by_time = budget.time.map_or(0.0, |t| timed(t, clocks.wall(), started.wall));
     let by_cpu = budget.cpu_time.map_or(0.0, |t| timed(t, clocks.cpu(), started.cpu));
-    let by_error = match (budget.error, film.estimated_relmse()) {
-        (Some(goal), Some(now)) if passes >= PASSES_BEFORE_ERROR => (goal / now).min(1.0),
-        _ => 0.0,
-    };
+    let reached = |goal: f64| film.estimated_relmse().map_or(0.0, |now| (goal / now).min(1.0));
+    // It takes about as long as a pass to know, so it is not asked after each when there are many.
+    let is_asked = passes >= PASSES_BEFORE_ERROR && passes % (passes / PASSES_BEFORE_ERROR).next_power_of_two() == 0;
+    let by_error = budget.error.filter(|_| is_asked).map_or(0.0, reached);
     by_spp.max(by_time).max(by_cpu).max(by_error)
 }

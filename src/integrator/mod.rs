@@ -95,6 +95,9 @@ impl Frame {
 
 /// A method at work: adds passes of one sample per pixel. Never loops over time, prints or saves.
 pub trait Integrator: Sync {
+    /// Sees what all passes so far have found, before each one.
+    fn look_at(&mut self, _film: &crate::film::Film) {}
+
     /// What pass `index` finds in all pixels of `frame`, one sample in the mean, and the rays it costs.
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
 
@@ -112,6 +115,11 @@ pub trait Integrator: Sync {
     /// Squared error of the picture over the noise that its two halves show: above 1 where both have something wrong in common.
     fn error_over_noise(&self) -> f64 {
         1.0
+    }
+
+    /// True if the picture is to be filtered by what its two halves agree on ([`crate::film::Film::filtered`]).
+    fn is_filtered(&self) -> bool {
+        false
     }
 
     /// Goes on where [`Self::state`] was taken, before its first pass here; false if the bytes make no sense.

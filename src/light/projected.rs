@@ -157,7 +157,9 @@ impl Faces {
         };
         let mut seen = Seen { faces: self, point, frame: frame(axis), sectors: Vec::with_capacity(6), total: 0.0 };
         for (i, face) in self.faces.iter().enumerate() {
-            if face.normal.dot(point - face.corners[0]) > 0.0 {
+            // Within rounding of its plane a point lies on the face, as those of the lamp itself do, and does not see it: seen from the least
+            // height above, it would fill the sky.
+            if face.normal.dot(point - face.corners[0]) > f64::from(face.error) {
                 seen.add(i as u32, face, receiver.normal.is_none())?;
             }
         }

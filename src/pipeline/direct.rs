@@ -13,10 +13,13 @@ use crate::world::{DirectSampling, ShadowRay, Stages, World};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their area, but a quarter at least.
+/// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their area, but an eighth at least.
 pub(super) const DIRECT_POINTS: f64 = 32.0;
+/// Smallest share of them.
+const LEAST_SHARE: f64 = 0.125;
 
-/// A patch gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all patches ...
+/// A patch of the full size gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all
+/// patches; the squared error that a smaller one may keep is larger as its area, and so its weight in all light to come, is smaller ...
 const NOISE: f64 = 0.02;
 /// ... but no more than this many.
 const MOST_POINTS: f64 = 256.0;
@@ -220,17 +223,17 @@ impl ByStages for Measure<'_> {
 
     fn run<K: Stages>(self) -> Self::Output {
         let Self { patches, n_lamps, .. } = self;
+        let share = |i: usize| (patches.area[i] / (patches.patch_size * patches.patch_size)).min(1.0);
         let mut measured: Vec<Measured> = (0..patches.len())
             .into_par_iter()
             .map(|i| {
-                let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.25, 1.0);
                 let mut measured = Measured {
                     sums: vec![Incident::default(); n_lamps],
                     squares: vec![0.0; n_lamps],
                     points: 0,
                     counts: RayCounts::default(),
                 };
-                self.look::<K>(i, (DIRECT_POINTS * share) as u64, &mut measured);
+                self.look::<K>(i, (DIRECT_POINTS * share(i).max(LEAST_SHARE)) as u64, &mut measured);
                 measured
             })
             .collect();
@@ -242,8 +245,8 @@ impl ByStages for Measure<'_> {
         };
         let levels: Vec<f64> = (0..n_lamps).map(level).collect();
         measured.par_iter_mut().enumerate().for_each(|(i, m)| {
-            let wanted =
-                levels.iter().enumerate().map(|(lamp, level)| m.noise(lamp) / (NOISE * level).powi(2)).fold(0.0, f64::max);
+            let over = |(lamp, level): (usize, &f64)| share(i) * m.noise(lamp) / (NOISE * level).powi(2);
+            let wanted = levels.iter().enumerate().map(over).fold(0.0, f64::max);
             if wanted > 1.0 {
                 let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
                 self.look::<K>(i, points, m);

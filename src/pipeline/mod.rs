@@ -68,6 +68,8 @@ pub struct RenderSettings {
     pub resume: Option<Arc<Checkpoint>>,
     /// Whether stages that the scene does not need are left out.
     pub plan: plan::Mode,
+    /// Whether pictures of the progressive way are filtered by what their halves agree on.
+    pub image_filter: bool,
 }
 
 /// Gather rays per camera sample. On the Cornell box 1, 2, 4 and 8 reach relMSE 3.8e-4, 2.2e-4, 1.78e-4 and 1.76e-4 in 8 CPU seconds;
@@ -94,6 +96,7 @@ impl Default for RenderSettings {
             accel: AccelKind::default(),
             resume: None,
             plan: plan::Mode::default(),
+            image_filter: true,
         }
     }
 }

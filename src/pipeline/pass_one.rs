@@ -212,7 +212,8 @@ impl SolutionSummary {
 pub struct PowerBalance {
     /// Emitted by area and point lights.
     pub emitted: f64,
-    /// Absorbed by patches: sum of A (1 - rho) H.
+    /// Absorbed by patches: sum of A (1 - rho) H, less what they pass on by gloss, which is counted where it ends. Light of points that leaves
+    /// the scene off gloss is held to be absorbed there.
     pub absorbed: f64,
     /// Left the scene after reflection by a patch or emission by a glowing surface.
     pub escaped: f64,
@@ -450,6 +451,9 @@ fn balance(world: &World, field: &RadiosityField, outside: &Outside) -> PowerBal
         let a = patches.area[i];
         let leaves = field.radiosity(i);
         absorbed += a * total(field.irradiance_of(i) + patches.exitance[i] - leaves);
+        // What gloss passes on falls on patches twice or oftener.
+        let reflected = leaves - patches.exitance[i];
+        absorbed -= a * total(outside.passed_on(i) * reflected + outside.passed_out(i) * leaves + outside.arriving_again(i) * PI);
         escaped += a * total(outside.escaped(i) * leaves);
         truncated += a * total(outside.truncated(i) * leaves);
     }

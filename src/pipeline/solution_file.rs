@@ -1,6 +1,6 @@
 //! Pass one in a file: patches, form factors, direct light and solution, each with the key of what it depends on.
 //!
-//! The format, version 1. Numbers are little-endian.
+//! The format, version 2. Numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -32,7 +32,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"TWOPASS\x1a";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const TAGS: [&[u8; 4]; 5] = [b"META", b"PTCH", b"FORM", b"LAMP", b"SOLN"];
 
 /// With what settings the file was made.
@@ -127,7 +127,7 @@ impl SolutionFile {
             kept.patches = Some(patches);
             if good[1] {
                 let (form_factors, outside): (Stored, Outside) = self.section(2)?;
-                self.fits(2, crate::form_factor::FormFactors::len(&form_factors) == n && outside.len() == n)?;
+                self.fits(2, crate::form_factor::FormFactors::len(&form_factors) == n && outside.fits(n))?;
                 kept.form_factors = Some((form_factors, outside));
             }
             if good[2] {

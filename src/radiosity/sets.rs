@@ -28,6 +28,15 @@ impl Sets {
         let mut lit: Vec<bool> = system.source.iter().map(|s| !s.is_black()).collect();
         let mut row_reflectance = vec![Rgb::BLACK; system.len()];
         let mut gathers = 0;
+        let mut towards: Vec<usize> = (0..system.len()).collect();
+        // Where every patch passes light on, both ways, whoever is joined with a lit one is lit: no product is needed to see that.
+        let is_joined = system.form_factors.is_reciprocal() && !system.rho.iter().any(|rho| rho.is_black());
+        if is_joined {
+            system.form_factors.join(&mut |i, j| unite(&mut towards, i, j));
+            let mut is_reached = vec![false; system.len()];
+            (0..system.len()).filter(|&i| lit[i]).for_each(|i| is_reached[root(&mut towards, i)] = true);
+            (0..system.len()).for_each(|i| lit[i] = is_reached[root(&mut towards, i)]);
+        }
         // Light goes on from patches that it reaches and that reflect. The last round finds nothing new, and its product is the row sums.
         loop {
             let reflecting: Vec<Rgb> =
@@ -43,7 +52,14 @@ impl Sets {
                 break;
             }
         }
-        let mut sets = Self { members: separate(system, &lit), row_reflectance, gathers };
+        if !is_joined {
+            system.form_factors.join(&mut |i, j| {
+                if lit[i] {
+                    unite(&mut towards, i, j);
+                }
+            });
+        }
+        let mut sets = Self { members: members(&mut towards, &lit), row_reflectance, gathers };
         if sets.has_closed_white_part(system) {
             return Err(SolveError::NoSteadyState { spectral_bound: sets.spectral_bound() });
         }
@@ -100,28 +116,30 @@ impl Sets {
     }
 }
 
-/// The `lit` patches in sets between which no light passes. Patches that reflect nothing still belong to those that light them.
-fn separate(system: &RadiositySystem<'_>, lit: &[bool]) -> Vec<Vec<usize>> {
-    // Every patch points towards the smallest of its set; paths are halved on the way.
-    let mut towards: Vec<usize> = (0..system.len()).collect();
-    fn root(towards: &mut [usize], mut i: usize) -> usize {
-        while towards[i] != i {
-            towards[i] = towards[towards[i]];
-            i = towards[i];
-        }
-        i
+/// The first patch of the set of patch i as far as is known: every patch points towards a smaller one of its set, and paths are halved on the way.
+fn root(towards: &mut [usize], mut i: usize) -> usize {
+    while towards[i] != i {
+        towards[i] = towards[towards[i]];
+        i = towards[i];
     }
-    system.form_factors.join(&mut |i, j| {
-        // Most pairs are in one set and known to be.
-        if lit[i] && towards[i] != towards[j] {
-            let (a, b) = (root(&mut towards, i), root(&mut towards, j));
-            towards[a.max(b)] = a.min(b);
-        }
-    });
-    let mut set_of = vec![usize::MAX; system.len()];
+    i
+}
+
+/// Puts the sets of two patches together.
+fn unite(towards: &mut [usize], i: usize, j: usize) {
+    // Most pairs are in one set and known to be.
+    if towards[i] != towards[j] {
+        let (a, b) = (root(towards, i), root(towards, j));
+        towards[a.max(b)] = a.min(b);
+    }
+}
+
+/// The lit patches of each set, in rising order; sets in the order of their first patch.
+fn members(towards: &mut [usize], lit: &[bool]) -> Vec<Vec<usize>> {
+    let mut set_of = vec![usize::MAX; lit.len()];
     let mut sets: Vec<Vec<usize>> = Vec::new();
-    for i in (0..system.len()).filter(|&i| lit[i]) {
-        let first = root(&mut towards, i);
+    for i in (0..lit.len()).filter(|&i| lit[i]) {
+        let first = root(towards, i);
         if set_of[first] == usize::MAX {
             set_of[first] = sets.len();
             sets.push(Vec::new());

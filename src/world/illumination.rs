@@ -29,6 +29,9 @@ pub struct DirectSampling {
 impl DirectSampling {
     /// Where the camera looks. Four lights: one with more than a quarter of the likely contribution is then always among those sampled.
     pub const SEEN: Self = Self { lights_per_point: 4, sky_rays: 2, in_passing: false };
+    /// The same where pixels are filtered: what a sample does not see of a lamp, those of its neighbours do. In staircase2 (13 lamps) that gives 0.75
+    /// to 0.94 times the error for equal time, in living-room (sky) 0.66 to 1.07.
+    pub const FILTERED: Self = Self { lights_per_point: 2, sky_rays: 1, in_passing: false };
     /// At the many points of a patch.
     pub const OF_PATCHES: Self = Self { sky_rays: 1, ..Self::SEEN };
 }

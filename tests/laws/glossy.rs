@@ -4,6 +4,7 @@ use crate::support::{Room, quick};
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
 use twopass::accel::AccelKind;
+use twopass::form_factor::FormFactorMethod;
 use twopass::integrator::{IntegratorSettings, ReadOut};
 use twopass::light::Environment;
 use twopass::material::plastic::Base;
@@ -235,3 +236,37 @@ fn many_lamps_are_all_found() {
     let (got, error) = (found[0].direct.g, SIGMAS * found[0].std_error + 1e-3 * want);
     assert!((got - want).abs() < error && error < 0.02 * want, "{got}, expected {want} within {error}");
 }
+
+/// A closed room of no special orientation with coated walls, a table and a lamp of which both reflect: all light that is emitted is absorbed. What
+/// a coat passes on falls on patches twice, and a lamp does not shine on itself; either would show as power from nowhere.
+#[test]
+fn a_furnished_room_with_gloss_absorbs_what_is_emitted() {
+    let turn = DMat3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 0.7);
+    let mut room = Room::new(turn * DVec3::new(0.1, 0.2, 0.3), turn * DVec3::ONE, 4);
+    let (coat, grey) = (room.material(coated(0.2), false), room.grey(0.5));
+    let both_sides = room.material(Material::Diffuse { reflectance: Texture::grey(0.5) }, true);
+    let mut quad =
+        |corner: DVec3, a: DVec3, b: DVec3, material, light| room.quad(turn * corner, turn * a, turn * b, material, light);
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    for (corner, a, b) in [(DVec3::ZERO, y, z), (x, z, y), (DVec3::ZERO, z, x), (y, x, z), (DVec3::ZERO, x, y), (z, y, x)] {
+        quad(corner, a, b, coat, 0.0);
+    }
+    let (low, x, y, z) = (DVec3::new(0.25, 0.3, 0.25), 0.5 * x, 0.05 * y, 0.4 * z);
+    for (corner, a, b) in [(low, x, z), (low + y, z, x), (low, z, y), (low + x, y, z), (low, y, x), (low + z, x, y)] {
+        quad(corner, a, b, grey, 0.0);
+    }
+    quad(DVec3::new(0.35, 0.85, 0.4), 0.6 * x, 0.6 * z, both_sides, 5.0);
+    let world = |scene| World::new(scene, AccelKind::Obvhs).expect("builds");
+    for (method, tolerance) in [(FormFactorMethod::Hierarchical, 2e-3), (FormFactorMethod::RayCast, 0.0222)] {
+        let mut settings = quick(1, 0.2);
+        (settings.pass_one.form_factors, settings.pass_one.form_factor_tolerance) = (method, tolerance);
+        let solved = solve_world(world(room.scene()), &settings, StageCosts::default(), &mut silent).expect("solves");
+        let power = solved.pass_one.power;
+        assert!(power.escaped == 0.0 && power.emitted > 0.0, "{power:?}");
+        // Direct light knows a lamp to a fiftieth of its mean on each of hundreds of patches, and rays as many know the gloss.
+        assert!(power.unaccounted.abs() < POWER_KNOWN, "{}: {power:?}", method.name());
+    }
+}
+
+/// Share of the emitted power that samples may leave unaccounted for.
+const POWER_KNOWN: f64 = 5e-3;

@@ -54,6 +54,7 @@ fn render_settings(common: &Common, pass_one: &PassOneArgs, pass_two: Option<&Pa
         settings.read_out = args.read_out;
         settings.max_depth = args.max_depth.map(|d| d.0);
         settings.sampler = args.sampler;
+        settings.image_filter = args.image_filter;
         settings.gather_rays = args.gather_rays.unwrap_or(settings.gather_rays);
     }
     settings

@@ -200,6 +200,7 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     // null: the scene's; -1: unlimited.
     let depth = args.pass_two.max_depth.map(|d| d.0.map_or(-1, i64::from));
     report::set(run_report, "max_depth", depth);
+    report::set(run_report, "image_filter", settings.image_filter);
     report::set(run_report, "gather_rays", settings.gather_rays);
     report::set(run_report, "reflections", args.methods.reflections);
     report::set(run_report, "ambient", args.methods.ambient);

@@ -6,6 +6,7 @@
 use super::HierarchySettings;
 use super::tree::Tree;
 use crate::form_factor::outside::{Outside, OutsideRow};
+use crate::form_factor::ray_cast::again;
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::world::sight::{Origin, cosine_density};
@@ -66,8 +67,11 @@ struct Cast {
 struct Sums {
     escaped: Rgb,
     truncated: Rgb,
+    passed_on: Rgb,
+    passed_out: Rgb,
     arriving: Rgb,
     accepted: Rgb,
+    arriving_again: Rgb,
 }
 
 impl Beside {
@@ -163,8 +167,11 @@ impl Beside {
             outside.push(OutsideRow {
                 escaped: shares(past.escaped, off.escaped),
                 truncated: shares(past.truncated, off.truncated),
+                passed_on: shares(past.passed_on, off.passed_on),
+                passed_out: shares(past.passed_out, off.passed_out),
                 arriving: past.arriving * weight + off.arriving,
                 accepted: past.accepted * weight + off.accepted,
+                arriving_again: past.arriving_again * weight + off.arriving_again,
             });
         }
         outside
@@ -275,9 +282,11 @@ fn cast_group(
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
         let sight =
             Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling: DirectSampling::OF_PATCHES });
-        let mut found = Rgb::BLACK;
+        let (mut found, mut found_again) = (Rgb::BLACK, Rgb::BLACK);
         // 0: past what is no patch; 1: off a patch.
         let mut way = 0;
+        // Patches met so far: what comes from beyond them has fallen on them.
+        let mut met = 0;
         let counts = &mut cast.counts;
         world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
@@ -285,24 +294,40 @@ fn cast_group(
                 if through == 0 {
                     way = usize::from(patch.is_some());
                 } else {
-                    entries[way].extend(patch.map(|j| (j.0, throughput)));
+                    if let Some(j) = patch {
+                        entries[way].push((j.0, throughput));
+                        sums[way].passed_on += throughput * again(met);
+                    }
                     if at.front {
-                        found += throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
+                        let light = throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
+                        found += light;
+                        found_again += light * again(met);
                     }
                 }
+                met += u32::from(patch.is_some());
             }
-            Event::Lit { radiance, .. } => found += radiance,
+            Event::Lit { radiance, .. } => {
+                found += radiance;
+                found_again += radiance * again(met);
+            }
             Event::Escaped { direction, throughput, share, .. } => {
                 sums[way].escaped += throughput;
-                found += throughput * world.scene().escaped_radiance(direction) * share;
+                sums[way].passed_out += throughput * again(met);
+                let light = throughput * world.scene().escaped_radiance(direction) * share;
+                found += light;
+                found_again += light * again(met);
             }
-            Event::Truncated { throughput } => sums[way].truncated += throughput,
+            Event::Truncated { throughput } => {
+                sums[way].truncated += throughput;
+                sums[way].passed_out += throughput * again(met);
+            }
         });
         elsewhere += u32::from(way == 0);
         light += found.mean();
         squared += found.mean() * found.mean();
         if !found.is_black() {
             sums[way].arriving += found;
+            sums[way].arriving_again += found_again;
             sums[way].accepted += found * world.shading(&from).acceptance(direction);
         }
     }
@@ -313,8 +338,11 @@ fn cast_group(
     cast.seen.parts = sums.map(|s| OutsideRow {
         escaped: narrow(s.escaped),
         truncated: narrow(s.truncated),
+        passed_on: narrow(s.passed_on),
+        passed_out: narrow(s.passed_out),
         arriving: s.arriving * share,
         accepted: s.accepted * share,
+        arriving_again: s.arriving_again * share,
     });
     cast.entries = entries.map(|mut found| {
         found.sort_by_key(|e| e.0);

@@ -6,6 +6,7 @@
 
 mod beside;
 mod kernel;
+mod links;
 mod refine;
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,7 @@ use crate::progress::Observer;
 use crate::world::World;
 use crate::world::walk::RayCounts;
 use beside::Beside;
+use links::Links;
 use rayon::prelude::*;
 use refine::{Link, Refinement};
 use std::ops::{Add, Mul};
@@ -67,10 +69,8 @@ pub struct Hierarchy {
     /// Patch at each place of the tree's order, and where each patch stands in it.
     patch: Vec<u32>,
     place: Vec<u32>,
-    /// Links of each node: from `start[p]` to `start[p + 1]`, the other node and the transfer [m²].
-    start: Vec<usize>,
-    other: Vec<u32>,
-    transfer: Vec<f32>,
+    /// Links of each node.
+    by_node: Links,
     /// Area of the patch at each place [m²].
     area: Vec<f64>,
     /// D by place.
@@ -127,26 +127,10 @@ impl Hierarchy {
         let patch = tree.patch;
         drop((tree.nodes, tree.centred, tree.spots, tree.running));
         let n_links = links.iter().map(Vec::len).sum();
-        let mut start = vec![0; nodes.len() + 1];
-        // A patch that sees itself has one entry.
-        let ends = |link: &Link| [Some(link.first), (link.second != link.first).then_some(link.second)];
-        links.iter().flatten().flat_map(|l| ends(l).into_iter().flatten()).for_each(|p| start[p as usize + 1] += 1);
-        for p in 0..nodes.len() {
-            start[p + 1] += start[p];
-        }
-        let mut next = start.clone();
-        let (mut other, mut transfer) = (vec![0; start[nodes.len()]], vec![0.0; start[nodes.len()]]);
-        // Each batch is freed as soon as it has been read.
-        for link in links.into_iter().flatten() {
-            for (own, seen) in ends(&link).into_iter().flatten().zip([link.second, link.first]) {
-                let at = &mut next[own as usize];
-                (other[*at], transfer[*at]) = (seen, link.transfer);
-                *at += 1;
-            }
-        }
+        let by_node = Links::new(nodes.len(), links);
         let (scale, kept) = (vec![1.0; place.len()], vec![0.0; place.len()]);
         let closure = Closure::default();
-        Self { nodes, patch, place, start, other, transfer, area, scale, kept, beside, links: n_links, closure }
+        Self { nodes, patch, place, by_node, area, scale, kept, beside, links: n_links, closure }
     }
 
     /// Number of links, each for both directions, and of entries through specular surfaces.
@@ -156,11 +140,7 @@ impl Hierarchy {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        size_of::<Span>() * self.nodes.len()
-            + 24 * self.place.len()
-            + 8 * self.start.len()
-            + 8 * self.other.len()
-            + self.beside.memory_bytes()
+        size_of::<Span>() * self.nodes.len() + 24 * self.place.len() + self.by_node.memory_bytes() + self.beside.memory_bytes()
     }
 
     /// out_i = sum_j F_ij x_j over what is seen directly, in parallel: the same bits on any number of threads.
@@ -183,10 +163,20 @@ impl Hierarchy {
             };
         }
         let arriving = |at: usize| {
-            let range = self.start[at]..self.start[at + 1];
-            let links = self.other[range.clone()].iter().zip(&self.transfer[range]);
-            let sum = links.fold(T::default(), |sum, (&other, &s)| sum + mean[other as usize] * f64::from(s));
-            sum * (1.0 / self.nodes[at].area)
+            let (others, transfers) = self.by_node.of(at);
+            let (fours, rest) = others.as_chunks::<4>();
+            let (four_transfers, rest_transfers) = transfers.as_chunks::<4>();
+            // Four sums side by side: each addition would wait for the one before.
+            let mut sums = [T::default(); 4];
+            for (others, transfers) in fours.iter().zip(four_transfers) {
+                for k in 0..4 {
+                    sums[k] = sums[k] + mean[others[k] as usize] * f64::from(transfers[k]);
+                }
+            }
+            for (k, (&other, &s)) in rest.iter().zip(rest_transfers).enumerate() {
+                sums[k] = sums[k] + mean[other as usize] * f64::from(s);
+            }
+            ((sums[0] + sums[1]) + (sums[2] + sums[3])) * (1.0 / self.nodes[at].area)
         };
         let mut arrived: Vec<T> = (0..self.nodes.len()).into_par_iter().with_min_len(256).map(arriving).collect();
         let mut out = vec![T::default(); self.place.len()];
@@ -272,9 +262,10 @@ impl FormFactors for Hierarchy {
         let mut at = 0;
         loop {
             let node = self.nodes[at];
-            for k in self.start[at]..self.start[at + 1] {
-                let other = self.nodes[self.other[k] as usize];
-                let factor = f64::from(self.transfer[k]) / node.area * self.scale[place as usize];
+            let (others, transfers) = self.by_node.of(at);
+            for (&other, &transfer) in others.iter().zip(transfers) {
+                let other = self.nodes[other as usize];
+                let factor = f64::from(transfer) / node.area * self.scale[place as usize];
                 for seen in other.first..other.first + other.count {
                     let j = self.patch[seen as usize] as usize;
                     visit(j, Rgb::grey(factor * self.scale[seen as usize] * self.area[seen as usize] / other.area));
@@ -293,13 +284,18 @@ impl FormFactors for Hierarchy {
         let patch = |place: u32| self.patch[place as usize] as usize;
         // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first.
         let mut joined = 0;
-        for (at, node) in self.nodes.iter().enumerate().filter(|(at, _)| self.start[*at] < self.start[*at + 1]) {
+        for (at, node) in self.nodes.iter().enumerate() {
+            let (others, _) = self.by_node.of(at);
+            if others.is_empty() {
+                continue;
+            }
             if node.first >= joined {
                 joined = node.first + node.count;
                 (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
             }
-            let others = &self.other[self.start[at]..self.start[at + 1]];
-            others.iter().for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
+            // Each link is one of both its nodes.
+            let from_here = others.iter().filter(|&&other| other as usize >= at);
+            from_here.for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
         }
         self.beside.join(&self.patch, pair);
     }
