@@ -19,7 +19,7 @@ pub struct MethodArgs {
     /// photon-map, sppm: photons of the first round, of each pass; default: one for each pixel
     #[arg(long, value_name = "N", value_parser = parse_count::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
     pub photons: Option<u32>,
-    /// irradiance-cache: reflections between diffuse surfaces that are followed (Radiance's -ab); default: 6
+    /// irradiance-cache: reflections between diffuse surfaces that are followed (Radiance's -ab); default: all
     #[arg(long, value_name = "N", value_parser = parse_whole::<u32>, allow_negative_numbers = true, help_heading = "Single methods")]
     pub ambient_bounces: Option<u32>,
     /// irradiance-cache: reach of a record over the mean distance that it sees, at first (-aa); default: 0.4

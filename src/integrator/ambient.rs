@@ -25,14 +25,16 @@ const LEAST_CLOSEST: f64 = 0.25;
 const FILL_SHARE: f64 = 1.0;
 /// Closest and farthest records of later bounces over the scene's diagonal.
 const BOUNCE_REACH: [f32; 2] = [1.0 / 64.0, 1.0 / 8.0];
+/// Bounces that have records where light is followed without end.
+const CACHED_BOUNCES: u32 = 6;
 /// Rays of their records over those of the first bounce.
 const BOUNCE_RAYS: f64 = 0.5;
 
 /// How Radiance's method works.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AmbientSettings {
-    /// Reflections between diffuse surfaces that are followed (Radiance's -ab).
-    pub bounces: u32,
+    /// Reflections between diffuse surfaces that are followed (Radiance's -ab); `None`: all.
+    pub bounces: Option<u32>,
     /// Reach of a record over the mean distance that it sees, in the first round (-aa).
     pub accuracy: f64,
     /// Rays of a record in the first round (-ad).
@@ -40,9 +42,9 @@ pub struct AmbientSettings {
 }
 
 impl Default for AmbientSettings {
-    /// Six bounces leave 3 % of the light between grey surfaces that reflect one half, and it was half indirect to begin with.
+    /// Behind a door light has been reflected so often that any number of bounces leaves much of it out.
     fn default() -> Self {
-        Self { bounces: 6, accuracy: 0.4, divisions: 64 }
+        Self { bounces: None, accuracy: 0.4, divisions: 64 }
     }
 }
 
@@ -51,8 +53,10 @@ pub struct AmbientCaching<'a> {
     world: &'a World,
     settings: IntegratorSettings,
     ambient: AmbientSettings,
-    /// Of each half: the first bounce's cache, and the one below it.
-    caches: [Option<(IrradianceCache, Option<IrradianceCache>)>; 2],
+    /// Bounces that have records.
+    bounces: u32,
+    /// Of each half: the caches of all bounces, the last reflection before the eye first.
+    caches: [Option<Vec<IrradianceCache>>; 2],
     rounds: Rounds,
 }
 
@@ -70,11 +74,17 @@ struct Rounds {
 impl<'a> AmbientCaching<'a> {
     /// On a scene.
     pub fn new(world: &'a World, settings: IntegratorSettings, ambient: AmbientSettings) -> Self {
-        let read_out = if ambient.bounces == 0 { ReadOut::DirectStored } else { ReadOut::FinalGather };
+        // A path of so many edges has two fewer reflections, without the one that is seen; one more where records find lamps themselves.
+        let by_records = u32::from(world.partition().leaves_some());
+        let most = settings.max_depth.map(|edges| (edges + by_records).saturating_sub(2).max(1));
+        let ambient = AmbientSettings { bounces: ambient.bounces.map_or(most, |b| Some(b.min(most.unwrap_or(b)))), ..ambient };
+        let bounces = ambient.bounces.unwrap_or(CACHED_BOUNCES);
+        let read_out = if bounces == 0 { ReadOut::DirectStored } else { ReadOut::FinalGather };
         Self {
             world,
             settings: IntegratorSettings { read_out, ..settings },
             ambient,
+            bounces,
             caches: [None, None],
             rounds: Rounds { round: 0, round_end: FIRST_PASSES, accuracy: ambient.accuracy, made: [None; 2] },
         }
@@ -108,8 +118,8 @@ impl<'a> AmbientCaching<'a> {
         }
     }
 
-    fn tracer<'b>(&'b self, cache: Option<&'b IrradianceCache>, below: Option<&'b IrradianceCache>) -> TwoPass<'b> {
-        let below = (self.ambient.bounces > 0).then(|| Below::of(below));
+    fn tracer<'b>(&'b self, cache: Option<&'b IrradianceCache>, caches: &'b [IrradianceCache]) -> TwoPass<'b> {
+        let below = (self.bounces > 0).then_some(Below { caches, endless: self.ambient.bounces.is_none() });
         TwoPass {
             world: self.world,
             field: None,
@@ -124,17 +134,18 @@ impl<'a> AmbientCaching<'a> {
         }
     }
 
-    fn make(&self, frame: &Frame, half: usize, counts: &mut RayCounts) -> (IrradianceCache, Option<IrradianceCache>) {
+    fn make(&self, frame: &Frame, half: usize, counts: &mut RayCounts) -> Vec<IrradianceCache> {
         let seed = mix(self.settings.seed ^ mix(0x00a3_b1e7 + u64::from(2 * self.rounds.round) + half as u64));
-        let mut below: Option<IrradianceCache> = None;
-        for bounce in (1..self.ambient.bounces).rev() {
+        let mut caches: Vec<IrradianceCache> = Vec::new();
+        for bounce in (1..self.bounces).rev() {
             let settings = BounceSettings {
                 rays: (BOUNCE_RAYS * self.rays()) as u32,
                 accuracy: self.rounds.accuracy as f32,
                 reach: BOUNCE_REACH.map(|r| r / self.finer().sqrt() as f32),
                 seed: mix(seed ^ u64::from(bounce)),
             };
-            below = Some(self.tracer(None, below.as_ref()).fill_bounce(frame, &settings, counts));
+            let made = self.tracer(None, &caches).fill_bounce(frame, &settings, counts);
+            caches.insert(0, made);
         }
         let settings = FillSettings {
             rays: self.rays() as u32,
@@ -145,33 +156,34 @@ impl<'a> AmbientCaching<'a> {
             most_rays: self.most_rays(frame),
             seed,
         };
-        let cache = self.tracer(None, below.as_ref()).fill(frame, &settings, counts);
+        let made = self.tracer(None, &caches).fill(frame, &settings, counts);
+        caches.insert(0, made);
         // Looking for places cuts paths as well, but none of a camera sample.
         (counts.truncated, counts.truncated_weight) = (0, 0);
-        (cache, below)
+        caches
     }
 }
 
 impl Integrator for AmbientCaching<'_> {
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         let mut counts = RayCounts::default();
-        if self.ambient.bounces == 0 {
-            return self.tracer(None, None).pass(frame, index);
+        if self.bounces == 0 {
+            return self.tracer(None, &[]).pass(frame, index);
         }
         if index >= self.rounds.round_end {
             self.next_round(frame);
         }
         let half = (index % 2) as usize;
         if self.caches[half].is_none() {
-            let cache = self.make(frame, half, &mut counts);
+            let caches = self.make(frame, half, &mut counts);
             // One that an earlier process made is the same once more, and was counted there.
-            if self.rounds.made[half].replace(cache.0.len()).is_some() {
+            if self.rounds.made[half].replace(caches.first().map_or(0, IrradianceCache::len)).is_some() {
                 counts = RayCounts::default();
             }
-            self.caches[half] = Some(cache);
+            self.caches[half] = Some(caches);
         }
-        let caches = self.caches[half].as_ref();
-        let mut tracer = self.tracer(caches.map(|c| &c.0), caches.and_then(|c| c.1.as_ref()));
+        let caches = self.caches[half].as_deref().unwrap_or_default();
+        let mut tracer = self.tracer(caches.first(), caches.get(1..).unwrap_or_default());
         let (samples, of_pass) = tracer.pass(frame, index);
         counts += of_pass;
         (samples, counts)

@@ -5,6 +5,7 @@
 //! does not count the emission of a lamp that shadow rays find, unless it came there by a mirror or was bent by glass, where no shadow
 //! ray goes.
 
+use super::irradiance_cache::Below;
 use super::{
     TwoPass,
     whitted::{Path, Trace},
@@ -20,6 +21,10 @@ use crate::world::{Shading, ShadowRay, Sight, Stages, SurfaceInteraction};
 
 /// How often in a row a gather ray that ends too near is continued, before it reads a patch all the same.
 pub(super) const NEAR_LEVELS: u32 = 4;
+/// Highest probability with which light of one more bounce is followed by a single ray.
+const MOST_SURVIVAL: f64 = 0.95;
+/// Bounces that single rays follow at most: one path in five million is longer.
+const MOST_FOLLOWED: u32 = 300;
 
 /// What a gather ray brings.
 #[derive(Debug, Clone, Copy)]
@@ -99,7 +104,7 @@ impl<K: Stages> TwoPass<'_, K> {
         }
         let mut distance = f32::INFINITY;
         let mut near: Option<(SurfaceInteraction, Rgb, u32)> = None;
-        let mut to_light: Vec<(SurfaceInteraction, Rgb)> = Vec::new();
+        let mut to_light: Vec<(SurfaceInteraction, Rgb, u32)> = Vec::new();
         let mut to_correct: Vec<(SurfaceInteraction, Rgb, u32)> = Vec::new();
         let scene = self.world.scene();
         let limit = self.settings.max_depth.unwrap_or(u32::MAX);
@@ -132,7 +137,7 @@ impl<K: Stages> TwoPass<'_, K> {
                         }
                     }
                 } else if self.below.is_some() && shading.has_diffuse() && depth + through + 3 <= limit {
-                    to_light.push((*at, throughput));
+                    to_light.push((*at, throughput, through));
                 }
             }
             Event::Lit { radiance, through } => {
@@ -150,8 +155,10 @@ impl<K: Stages> TwoPass<'_, K> {
         if let Some((si, throughput, through)) = near {
             reflected += throughput * self.near(&si, depth + through + 1, levels - 1, sampler, counts);
         }
-        for (si, throughput) in to_light {
-            reflected += throughput * self.lit(&si, sampler, counts);
+        if let Some(below) = &self.below {
+            for (si, throughput, through) in to_light {
+                reflected += throughput * self.lit(&si, below, depth + through + 1, sampler, counts);
+            }
         }
         for (si, throughput, through) in to_correct {
             reflected += throughput * self.corrected(&si, depth + through + 1, sampler, counts);
@@ -172,9 +179,21 @@ impl<K: Stages> TwoPass<'_, K> {
         stored + (self.near(si, depth, NEAR_LEVELS, sampler, counts) - stored) / probability
     }
 
-    /// Radiance that the diffuse part at `si` reflects, by one shadow ray and the records of the bounce before.
-    fn lit(&self, si: &SurfaceInteraction, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
+    /// Radiance that the diffuse part at `si` reflects, by one shadow ray and the records of the bounce before, or one gather ray where none
+    /// reaches.
+    fn lit(&self, si: &SurfaceInteraction, below: &Below<'_>, depth: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
         let shading = self.world.shading_by::<K>(si);
+        let stored = below.irradiance(si, shading.normal());
+        if stored.is_none()
+            && depth < MOST_FOLLOWED
+            && let Some(next) = below.next()
+        {
+            // What roulette leaves is worth its ray, since each reflection takes away as much.
+            let most = if below.caches.is_empty() { MOST_SURVIVAL } else { 1.0 };
+            let chance = if below.caches.is_empty() { shading.diffuse_reflectance().max().min(most) } else { 1.0 };
+            let deeper = TwoPass { below: Some(next), smooth: None, ..*self };
+            return deeper.near_by_chance(si, depth, 0, chance, sampler, counts);
+        }
         // As many gather rays as the records took to be beside shadow rays.
         let rays = f64::from(self.settings.gather_rays);
         let respond = |ray: &ShadowRay| {
@@ -182,8 +201,7 @@ impl<K: Stages> TwoPass<'_, K> {
             Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
         };
         let direct = self.world.direct_by::<K>(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
-        let stored = self.below.map_or(Rgb::BLACK, |below| below.irradiance(si, shading.normal()));
-        direct + RadiosityField::reflected_radiance(shading.diffuse_reflectance(), stored)
+        direct + RadiosityField::reflected_radiance(shading.diffuse_reflectance(), stored.unwrap_or(Rgb::BLACK))
     }
 
     /// Radiance that the diffuse part at `si` reflects, by one shadow ray and one gather ray.
@@ -195,21 +213,37 @@ impl<K: Stages> TwoPass<'_, K> {
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Rgb {
+        self.near_by_chance(si, depth, levels, 1.0, sampler, counts)
+    }
+
+    /// As [`Self::near`], with a gather ray that is sent with probability `chance` only and counts for more then.
+    fn near_by_chance(
+        &self,
+        si: &SurfaceInteraction,
+        depth: u32,
+        levels: u32,
+        chance: f64,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Rgb {
         let shading = self.world.shading_by::<K>(si);
         let thrown = self.caustics.map_or(Rgb::BLACK, |map| map.irradiance(si, &shading));
         let thrown = RadiosityField::reflected_radiance(shading.diffuse_reflectance(), thrown);
         let respond = |ray: &ShadowRay| {
-            let share = ray.share_beside_gather_rays(1.0, ray.direction.dot(shading.normal()));
+            let share = ray.share_beside_gather_rays(chance, ray.direction.dot(shading.normal()));
             Scattering { diffuse: shading.eval(ray.direction).diffuse * share, glossy: Rgb::BLACK }
         };
         let direct = self.world.direct_by::<K>(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        if chance < 1.0 && f64::from(sampler.next_1d()) >= chance {
+            return direct + thrown;
+        }
         let local = warp::cosine_hemisphere(sampler.next_2d());
         let direction = Frame::new(shading.normal()).to_world(local);
         let response = shading.eval(direction).diffuse;
         if response.is_black() {
             return direct + thrown;
         }
-        let density = cosine_density(1.0, local.z);
+        let density = cosine_density(chance, local.z);
         let sampling = Shading::IN_PASSING;
         let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling };
         counts.gather += 1;

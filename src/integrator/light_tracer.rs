@@ -33,7 +33,7 @@ impl<'a> LightTracer<'a> {
             }
         });
         let mut sampler = start.sampler;
-        connector.seen_at_once(start.ray, &mut sampler)
+        connector.short_paths(start.ray, 1, &mut sampler, &mut RayCounts::default())
     }
 }
 

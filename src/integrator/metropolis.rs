@@ -3,7 +3,8 @@
 //!
 //! A state is three streams of numbers: for the walk from the camera, for the walk from a lamp, and for the length of the path, the way
 //! to make it and its shadow ray. What a path of n edges brings is weighted against all other ways to make it, and divided by the
-//! probability of its length and way. Lamps seen at once are no part of it: one camera ray a pixel finds them without noise.
+//! probability of its length and way. Paths of one and two edges, lamps seen at once and direct light, are no part of it: camera rays and
+//! shadow rays of each pixel find them with less noise.
 //!
 //! Start-up: many independent states are drawn first; chains start at some of them, chosen by what they bring, so that each chain's first
 //! state has the right distribution in the mean of all runs ([Veach97], section 11.3.1). The mean of the picture comes from these and
@@ -23,8 +24,15 @@ use std::sync::Arc;
 
 /// Numbers of each stream that small steps move; those beyond are always new. A vertex takes three or four.
 const NUMBERS: usize = 32;
+/// Edges of the shortest paths that chains make.
+const SHORTEST: u32 = 3;
 /// Ratio of the probabilities of path lengths that follow each other.
 const LENGTH_RATIO: f64 = 0.7;
+/// Probability of a step that draws the walk from the camera anew and moves the rest a little: what a lamp's walk lights is seen from
+/// elsewhere.
+const CAMERA_STEPS: f64 = 0.2;
+/// The same, or the walk from the lamp is drawn anew.
+const CAMERA_AND_LAMP_STEPS: f64 = 0.3;
 /// Fewest states that a chain's start is chosen from.
 const LEAST_STARTS: usize = 1 << 14;
 
@@ -100,8 +108,8 @@ struct Stretch {
 }
 
 /// The three streams of a step.
-fn streams(numbers: &[Arc<[f32]>; 3], change: Change, seed: u64) -> [Proposal; 3] {
-    [0, 1, 2].map(|i| Proposal { present: Arc::clone(&numbers[i]), change, seed: mix(seed ^ mix(i as u64 + 1)) })
+fn streams(numbers: &[Arc<[f32]>; 3], change: [Change; 3], seed: u64) -> [Proposal; 3] {
+    [0, 1, 2].map(|i| Proposal { present: Arc::clone(&numbers[i]), change: change[i], seed: mix(seed ^ mix(i as u64 + 1)) })
 }
 
 impl<'a> Metropolis<'a> {
@@ -112,11 +120,11 @@ impl<'a> Metropolis<'a> {
 
     /// Edges of a path, and their probability.
     fn length(&self, u: f64) -> (u32, f64) {
-        // Geometric from 2 on, cut at the limit.
-        let most = f64::from(self.connector.limit - 1);
+        // Geometric, cut at the limit.
+        let most = f64::from(self.connector.limit - SHORTEST + 1);
         let whole = 1.0 - LENGTH_RATIO.powf(most);
         let k = ((1.0 - u * whole).ln() / LENGTH_RATIO.ln()).floor().clamp(0.0, most - 1.0);
-        (k as u32 + 2, (1.0 - LENGTH_RATIO) * LENGTH_RATIO.powf(k) / whole)
+        (k as u32 + SHORTEST, (1.0 - LENGTH_RATIO) * LENGTH_RATIO.powf(k) / whole)
     }
 
     /// What the path of a state brings, over the probability of its length and way.
@@ -210,7 +218,7 @@ impl<'a> Metropolis<'a> {
         let n = frame.n_pixels().max(LEAST_STARTS);
         let seed = mix(self.settings.seed ^ mix(0x3e70 + half as u64));
         let none: [Arc<[f32]>; 3] = [0; 3].map(|_| Arc::from([0.0; NUMBERS]));
-        let draw = |i: usize| streams(&none, Change::Large, mix(seed ^ mix(i as u64)));
+        let draw = |i: usize| streams(&none, [Change::Large; 3], mix(seed ^ mix(i as u64)));
         let drawn: Vec<(f64, RayCounts)> = (0..n)
             .into_par_iter()
             .map(|i| {
@@ -261,8 +269,15 @@ impl<'a> Metropolis<'a> {
         for step in stretch.steps.clone() {
             let seed = mix(stretch.seed ^ mix(step));
             let mut decide = Sampler::of(crate::math::SamplerKind::Independent, seed, 0, 0);
-            let is_large = f64::from(decide.next_1d()) < large;
-            let proposal = streams(&state.numbers, if is_large { Change::Large } else { Change::Small }, seed);
+            let kind = f64::from(decide.next_1d());
+            let is_large = kind < large;
+            let change = match kind - large {
+                ..0.0 => [Change::Large; 3],
+                ..CAMERA_STEPS => [Change::Large, Change::Small, Change::Small],
+                ..CAMERA_AND_LAMP_STEPS => [Change::Small, Change::Large, Change::Small],
+                _ => [Change::Small; 3],
+            };
+            let proposal = streams(&state.numbers, change, seed);
             let light = self.evaluate(frame, &proposal, counts);
             let proposed = brightness(&light);
             if is_large {
@@ -298,13 +313,13 @@ impl Integrator for Metropolis<'_> {
         let mut counts = RayCounts::default();
         let limit = self.connector.limit;
         let connector = &self.connector;
-        // Lamps seen at once, and what the layers say of the first surface.
-        let (mut samples, c) = each_pixel(connector.world, &self.settings, frame, index, |start, _| {
+        // Short paths, and what the layers say of the first surface.
+        let (mut samples, c) = each_pixel(connector.world, &self.settings, frame, index, |start, counts| {
             let mut sampler = start.sampler;
-            connector.seen_at_once(start.ray, &mut sampler)
+            connector.short_paths(start.ray, SHORTEST - 1, &mut sampler, counts)
         });
         counts += c;
-        if limit < 2 || connector.departures.is_none() {
+        if limit < SHORTEST || connector.departures.is_none() {
             return (samples, counts);
         }
         let mut half = match self.halves[number].take() {

@@ -3,6 +3,7 @@
 #[path = "../laws/support.rs"]
 #[expect(dead_code, reason = "shared with the other laws")]
 mod support;
+mod two_rooms;
 mod usage;
 mod virtual_rooms;
 
@@ -199,12 +200,13 @@ fn walks_from_both_ends_agree_with_path_tracing() {
 /// What only shadow rays and photons, chains or records bring agrees with the sum of the series too.
 #[test]
 fn other_methods_reach_the_radiance_of_the_furnace() {
-    // Disks of photons lose what lies around a corner: 0.21 of a radius along each edge in the mean.
     for (method, side, spp, within) in [
         (Method::PhotonMap, 16, 16, 0.01),
         (Method::PhotonMap, 16, 256, 0.003),
         (Method::Sppm, 192, 4, 0.01),
-        (Method::Sppm, 192, 64, 0.005),
+        (Method::Sppm, 192, 64, 0.003),
+        (Method::IrradianceCache, 16, 4, 0.01),
+        (Method::IrradianceCache, 16, 64, 0.003),
         (Method::Metropolis, 16, 1024, 0.01),
     ] {
         let methods = MethodSettings { photons: Some(4096), ..MethodSettings::default() };
@@ -219,7 +221,7 @@ fn other_methods_reach_the_radiance_of_the_furnace() {
 fn ambient_bounces_are_counted() {
     for (rho, bounces) in [(0.5, 0), (0.5, 1), (0.5, 4), (0.9, 3)] {
         let mut methods = MethodSettings::default();
-        methods.ambient_cache.bounces = bounces;
+        methods.ambient_cache.bounces = Some(bounces);
         let film = run(furnace(rho).scene(), &RenderSettings { methods, ..settings(Method::IrradianceCache, 4) }).film;
         // Lamps as large as these are found by gather rays; without any, one ray of each sample looks for them.
         let want: f64 = (0..=bounces.max(1) as i32).map(|k| rho.powi(k)).sum();

@@ -67,7 +67,7 @@ fn method_settings(args: &MethodArgs) -> MethodSettings {
     settings.virtual_rooms.reflections = args.reflections.unwrap_or(settings.virtual_rooms.reflections);
     settings.photons = args.photons;
     let ambient = &mut settings.ambient_cache;
-    ambient.bounces = args.ambient_bounces.unwrap_or(ambient.bounces);
+    ambient.bounces = args.ambient_bounces.or(ambient.bounces);
     ambient.accuracy = args.ambient_accuracy.unwrap_or(ambient.accuracy);
     ambient.divisions = args.ambient_divisions.unwrap_or(ambient.divisions);
     settings.metropolis.chains = args.chains.unwrap_or(settings.metropolis.chains);

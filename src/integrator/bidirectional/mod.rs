@@ -100,26 +100,38 @@ impl<'a> Connector<'a> {
         (self.width, self.height, self.light_walks) = (frame.width, frame.height, frame.n_pixels().max(1) as f64);
     }
 
-    /// What a camera ray meets first: emission, and what the layers say of it.
-    pub fn seen_at_once(&self, ray: Ray, sampler: &mut Sampler) -> PixelSample {
+    /// Light of one edge along a camera ray, or of up to two: emission and what the first surface reflects of lamps, and what the layers say
+    /// of that surface: by walks from the camera alone, whose ways share it among themselves.
+    pub fn short_paths(&self, ray: Ray, most_edges: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> PixelSample {
         let mut sample = PixelSample::default();
         let walk = Walk { world: self.world, heuristic: self.heuristic, carried: Carried::Radiance };
-        // One edge is all that is asked of this walk: that is no limit which cuts light off.
+        // So few edges are all that is asked of this walk: that is no limit which cuts light off.
         let mut uncounted = RayCounts::default();
-        let begin = self.camera_start(ray);
+        // Sums of zero: nothing comes to the camera from lamps.
+        let begin = Start { d_vcm: 0.0, ..self.camera_start(ray) };
+        let limit = self.limit.min(most_edges);
         walk.go(
             begin,
-            self.limit.min(1),
+            limit,
             sampler,
             &mut uncounted,
             |_, _| {},
-            |met, _, _| match met {
-                Met::Outside(direction, edge) => *sample.layer(Quantity::Direct) += self.met(direction, None, edge),
+            |met, sampler, _| match met {
+                Met::Outside(direction, edge) => {
+                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += self.met(direction, None, edge);
+                }
                 Met::Surface(vertex, shading, edge) => {
+                    let found = self.met(-vertex.si.wo, Some(&vertex.si), edge);
+                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += found;
+                    if vertex.edges > 1 {
+                        return;
+                    }
                     *sample.layer(Quantity::Depth) = Rgb::grey(f64::from(vertex.si.t));
                     *sample.layer(Quantity::Normal) = Rgb::from(vertex.si.ns.to_array());
                     *sample.layer(Quantity::Albedo) += vertex.throughput * shading.diffuse_reflectance();
-                    *sample.layer(Quantity::Direct) += self.met(-vertex.si.wo, Some(&vertex.si), edge);
+                    if limit > 1 && (shading.has_diffuse() || shading.has_glossy()) {
+                        *sample.layer(Quantity::Direct) += self.direct(vertex, shading, sampler, counts);
+                    }
                 }
             },
         );

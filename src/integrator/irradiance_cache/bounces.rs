@@ -17,26 +17,29 @@ const EVENTS: usize = 8;
 /// Places of the first batch; each batch has twice those of the one before, and fills what the ones before left.
 const FIRST_BATCH: usize = 32;
 
-/// What gather rays read of a surface where there is no pass one: shadow rays light it there and then, and a cache of the bounce before
-/// tells the rest.
+/// What gather rays read of a surface where there is no pass one: shadow rays light it there and then, and caches of the bounces before
+/// tell the rest. Where no record reaches, a single ray looks: a constant, as Radiance takes, would be that of where the camera looks.
 #[derive(Debug, Clone, Copy)]
 pub struct Below<'a> {
-    /// Irradiance by light that was reflected before; `None` at the last bounce.
-    pub cache: Option<&'a IrradianceCache>,
-    /// Irradiance [W/m²] where no record reaches: the mean of all, as Radiance's constant ambient value.
-    pub elsewhere: Rgb,
+    /// Irradiance by light that was reflected before: where rays of this bounce end, where those of the one before end, and so on.
+    pub caches: &'a [IrradianceCache],
+    /// True if light of more bounces than there are caches is followed by single rays; else there is none.
+    pub endless: bool,
 }
 
-impl<'a> Below<'a> {
-    /// On top of a bounce; `None`: nothing was reflected before.
-    pub fn of(cache: Option<&'a IrradianceCache>) -> Self {
-        Self { cache, elsewhere: cache.map_or(Rgb::BLACK, IrradianceCache::mean) }
+impl Below<'_> {
+    /// Irradiance at a hit about a normal [W/m²]; `None` where no record of this bounce reaches.
+    pub(in crate::integrator) fn irradiance(&self, si: &SurfaceInteraction, normal: Vec3) -> Option<Rgb> {
+        let found = self.caches.first()?.read(si.point, normal, si.shape)?;
+        Some(found.reflected + found.emitted)
     }
 
-    /// Irradiance at a hit about a normal [W/m²].
-    pub(in crate::integrator) fn irradiance(&self, si: &SurfaceInteraction, normal: Vec3) -> Rgb {
-        let Some(cache) = self.cache else { return Rgb::BLACK };
-        cache.read(si.point, normal, si.shape).map_or(self.elsewhere, |found| found.reflected + found.emitted)
+    /// What is below this bounce; `None` below the last.
+    pub(in crate::integrator) fn next(&self) -> Option<Self> {
+        match self.caches {
+            [] => self.endless.then_some(*self),
+            [_, rest @ ..] => Some(Self { caches: rest, ..*self }),
+        }
     }
 }
 
@@ -51,13 +54,6 @@ pub struct BounceSettings {
     pub reach: [f32; 2],
     /// Seed.
     pub seed: u64,
-}
-
-impl IrradianceCache {
-    /// Mean irradiance of the records [W/m²].
-    pub fn mean(&self) -> Rgb {
-        self.records.iter().map(|r| r.irradiance).sum::<Rgb>() / self.records.len().max(1) as f64
-    }
 }
 
 impl TwoPass<'_> {

@@ -1,6 +1,6 @@
 //! One record: irradiance and its gradients from a hemisphere of rays in rings and sectors [Ward92].
 
-use super::Record;
+use super::{OVERLAP, Record};
 use crate::geometry::Ray;
 use crate::integrator::TwoPass;
 use crate::integrator::final_gather::NEAR_LEVELS;
@@ -119,14 +119,27 @@ impl<K: Stages> TwoPass<'_, K> {
         let share = |e: f64, h: f64| if h > 0.0 { e / h } else { 0.0 };
         let emitted_share =
             Rgb::new(share(emitted.r, irradiance.r), share(emitted.g, irradiance.g), share(emitted.b, irradiance.b));
-        let (rotation, translation) = gradients(frame, seen, rings);
+        let (rotation, mut translation) = gradients(frame, seen, rings);
         let mean_nearness = seen.iter().map(|s| s.nearness).sum::<f64>() / n;
         let harmonic = (1.0 / mean_nearness.max(1e-30)) as f32;
-        // Where irradiance changes fast, a record holds less far.
-        let steepest = translation.iter().map(|g| g.length_squared()).sum::<f32>().sqrt();
-        let level = (irradiance.r.powi(2) + irradiance.g.powi(2) + irradiance.b.powi(2)).sqrt() as f32;
-        let by_gradient = if steepest > 0.0 { level / steepest } else { f32::INFINITY };
-        let reach = (accuracy * harmonic.min(by_gradient)).clamp(reach[0], reach[1]);
+        let [least, most] = reach;
+        let reach = if self.below.is_some() {
+            // Rays into a few bright places make irradiance and gradient noisy together: a reach that followed them would give most room to
+            // records that missed the light. So the gradient follows the reach, which ends before what stands nearest.
+            let nearness = seen.iter().map(|s| s.nearness).fold(1e-30, f64::max);
+            let nearest = (1.0 / nearness) as f32 / OVERLAP;
+            let reach = (accuracy * harmonic).min(nearest).clamp(least, most);
+            for (gradient, e) in translation.iter_mut().zip(irradiance.to_array()) {
+                *gradient = gradient.clamp_length_max((0.5 * e) as f32 / (OVERLAP * reach));
+            }
+            reach
+        } else {
+            // Where irradiance changes fast, a record holds less far.
+            let steepest = translation.iter().map(|g| g.length_squared()).sum::<f32>().sqrt();
+            let level = (irradiance.r.powi(2) + irradiance.g.powi(2) + irradiance.b.powi(2)).sqrt() as f32;
+            let by_gradient = if steepest > 0.0 { level / steepest } else { f32::INFINITY };
+            (accuracy * harmonic.min(by_gradient)).clamp(least, most)
+        };
         Record { point: si.point, normal: frame.n, shape: si.shape, reach, irradiance, emitted_share, translation, rotation }
     }
 }

@@ -1,10 +1,11 @@
 //! Photon maps with final gather [Jensen96]: a map of all photons, which gather rays read, and one of caustics, which is seen directly.
 //!
-//! The light of a photon's surroundings is computed once for each photon and read by the next one ([Christensen99]). Maps are made anew
-//! from round to round, each with twice the passes and twice the photons of the one before, of the two halves of the film by
-//! themselves.
+//! The irradiance around some of the photons is computed once, by the others, and read by the nearest gather rays ([Christensen99]). Maps
+//! are made anew from round to round, each with twice the passes and twice the photons of the one before, of the two halves of the film
+//! by themselves.
 
-use super::{Photon, PhotonGrid, Shots, Way, direct, shoot};
+use super::face::{self, Face, SurfacePoint};
+use super::{Photon, PhotonGrid, Shots, Way, direct, face_at, shoot};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::integrator::{Frame, Integrator, IntegratorSettings, Start, each_pixel};
@@ -23,7 +24,11 @@ const WIDEST: f32 = 1.0 / 32.0;
 /// Narrowest cell of the grids over the same.
 const NARROWEST: f32 = 1.0 / 4096.0;
 /// One of so many photons gets the irradiance of its surroundings.
-const SPARSE: usize = 4;
+const SPARSE: u64 = 4;
+/// Points of a disk that are looked at before its photons are all taken to be seen.
+const LOOKS: u32 = 4;
+/// Photons that are asked for their irradiance until one is seen.
+const MOST_LOOKS: usize = 8;
 /// Most photons of a map: some 400 MB.
 const MOST_PHOTONS: u64 = 4_000_000;
 /// No path is longer, whatever the scene asks.
@@ -43,7 +48,7 @@ pub struct PhotonMapper<'a> {
 
 /// Both maps.
 struct Maps {
-    /// Where irradiance is known: point, normal, shape-free value [W/m²].
+    /// Where irradiance is known: point, normal, value [W/m²].
     known: Vec<(SurfacePoint, Rgb)>,
     known_grid: PhotonGrid,
     caustics: Vec<Photon>,
@@ -51,8 +56,6 @@ struct Maps {
     widest: f32,
     widest_caustic: f32,
 }
-
-type SurfacePoint = (crate::math::Vec3, crate::math::Vec3);
 
 impl<'a> PhotonMapper<'a> {
     /// On a scene.
@@ -82,13 +85,22 @@ impl<'a> PhotonMapper<'a> {
         let photons = shoot(self.world, departures, &shots, counts);
         let diagonal = self.world.bounds().diagonal();
         let caustics: Vec<Photon> = photons.iter().filter(|p| p.way == Way::Caustic).copied().collect();
-        let widest = radius_for(photons.len(), NEAREST[0], diagonal);
         let widest_caustic = radius_for(caustics.len(), NEAREST[1], diagonal);
-        let grid = PhotonGrid::new(photons.iter().map(|p| p.point), widest);
-        let known: Vec<(SurfacePoint, Rgb)> = photons
+        // Some are places, the others light them: around a place that is a photon itself there would always be one photon more than elsewhere,
+        // and what is nearest to a gather ray's end would be the loneliest.
+        let (places, mut lighting): (Vec<_>, Vec<_>) = (0_u64..).zip(photons).partition(|(i, _)| mix(*i).is_multiple_of(SPARSE));
+        let share = lighting.len() as f64 / (places.len() + lighting.len()).max(1) as f64;
+        lighting.iter_mut().for_each(|(_, p)| p.power = p.power / share);
+        let lighting: Vec<Photon> = lighting.into_iter().map(|(_, p)| p).collect();
+        let widest = radius_for(lighting.len(), NEAREST[0], diagonal);
+        let grid = PhotonGrid::new(lighting.iter().map(|p| p.point), widest);
+        let known: Vec<(SurfacePoint, Rgb)> = places
             .par_iter()
-            .step_by(SPARSE)
-            .map(|p| ((p.point, p.normal), irradiance(&photons, &grid, (p.point, p.normal), widest)))
+            .map(|(i, p)| {
+                let at = (p.point, p.normal);
+                let face = Face { world: self.world, at, height: 0.1 * widest, least_cosine: 0.9 };
+                (at, irradiance(&lighting, &grid, &face, widest, mix(shots.seed ^ mix(*i))))
+            })
             .collect();
         let known_grid = PhotonGrid::new(known.iter().map(|k| k.0.0), widest);
         let caustic_grid = PhotonGrid::new(caustics.iter().map(|p| p.point), widest_caustic);
@@ -125,7 +137,8 @@ impl<'a> PhotonMapper<'a> {
                 let lit = direct(world, at, shading, f64::from(rays), self.settings.direct, &mut sampler, counts);
                 *sample.layer(Quantity::Direct) += throughput * lit;
                 if let Some(maps) = maps {
-                    *sample.layer(Quantity::Caustic) += throughput * maps.caustic(at, shading);
+                    let seed = mix(start.seed ^ mix(start.key ^ mix(start.index))) ^ u64::from(through);
+                    *sample.layer(Quantity::Caustic) += throughput * maps.caustic(world, at, shading, seed);
                 }
                 let key = (mix(start.seed ^ start.key), start.index);
                 let [emitted, reflected] = self.gather(at, shading, through, rays, key, maps, counts);
@@ -209,7 +222,7 @@ impl<'a> PhotonMapper<'a> {
                 {
                     let rho = shading.diffuse_reflectance();
                     if !rho.is_black() {
-                        reflected += RadiosityField::reflected_radiance(throughput * rho, maps.irradiance(at));
+                        reflected += RadiosityField::reflected_radiance(throughput * rho, maps.irradiance(self.world, at));
                     }
                 }
             }
@@ -233,18 +246,44 @@ fn radius_for(n: usize, nearest: usize, diagonal: f32) -> f32 {
     r.clamp(NARROWEST * diagonal, WIDEST * diagonal)
 }
 
-/// Irradiance [W/m²] by the nearest photons on the same face, weighted by a cone over their disk.
-fn irradiance(photons: &[Photon], grid: &PhotonGrid, (point, normal): SurfacePoint, widest: f32) -> Rgb {
+/// Irradiance [W/m²] by the nearest photons that the face's point sees, weighted by a cone over their disk.
+fn irradiance(photons: &[Photon], grid: &PhotonGrid, face: &Face<'_>, widest: f32, seed: u64) -> Rgb {
+    in_disk(photons, grid, face, NEAREST[0], widest, seed, |photon| photon.power)
+}
+
+/// Density over a disk around the face's point of `value` of the `nearest` photons, those left out that it does not see, unless
+/// nothing seems to stand between.
+fn in_disk(
+    photons: &[Photon],
+    grid: &PhotonGrid,
+    face: &Face<'_>,
+    nearest: usize,
+    widest: f32,
+    seed: u64,
+    value: impl Fn(&Photon) -> Rgb,
+) -> Rgb {
     let mut near: Vec<(f32, u32)> = Vec::new();
-    grid.visit(point, widest, |i| {
+    grid.visit(face.at.0, widest, |i| {
         let p = &photons[i as usize];
-        let d2 = p.point.distance_squared(point);
-        if d2 < widest * widest && p.normal.dot(normal) > 0.9 && (p.point - point).dot(normal).abs() < 0.1 * widest {
+        let d2 = p.point.distance_squared(face.at.0);
+        if d2 < widest * widest && face.holds((p.point, p.normal)) {
             near.push((d2, i));
         }
     });
-    let r2 = disk(&mut near, NEAREST[0], widest);
-    near.iter().map(|(d2, i)| photons[*i as usize].power * cone(*d2, r2)).sum()
+    let r2 = disk(&mut near, nearest, widest);
+    if near.is_empty() {
+        return Rgb::BLACK;
+    }
+    let radius = r2.sqrt();
+    let (trials, is_clear) = face.trials(radius, seed, LOOKS, face::as_cone);
+    let mut sum = Rgb::BLACK;
+    for (d2, i) in near {
+        let photon = &photons[i as usize];
+        if is_clear || face.sees_photon(photon, radius) {
+            sum += value(photon) * cone(d2, r2);
+        }
+    }
+    sum * f64::from(trials)
 }
 
 /// Keeps the `nearest` of points by squared distance; squared radius of the disk that they fill.
@@ -267,31 +306,35 @@ fn cone(d2: f32, r2: f32) -> f64 {
 }
 
 impl Maps {
-    /// Irradiance at a hit, of the nearest photon that knows it.
-    fn irradiance(&self, si: &SurfaceInteraction) -> Rgb {
-        let mut best = (self.widest * self.widest, Rgb::BLACK);
-        self.known_grid.visit(si.point, self.widest, |i| {
-            let ((point, normal), value) = &self.known[i as usize];
-            let d2 = point.distance_squared(si.point);
-            if d2 < best.0 && normal.dot(si.ng) > 0.9 {
-                best = (d2, *value);
+    /// Irradiance at a hit, of the nearest photon that knows it and is seen from there.
+    fn irradiance(&self, world: &World, si: &SurfaceInteraction) -> Rgb {
+        let face = Face { world, at: (si.point, si.ng), height: self.widest, least_cosine: 0.9 };
+        // Those up to this distance are hidden.
+        let mut hidden = -1.0;
+        for _ in 0..MOST_LOOKS {
+            let mut best = (self.widest * self.widest, None);
+            self.known_grid.visit(si.point, self.widest, |i| {
+                let at = self.known[i as usize].0;
+                let d2 = at.0.distance_squared(si.point);
+                if d2 < best.0 && d2 > hidden && face.holds(at) {
+                    best = (d2, Some(i));
+                }
+            });
+            let Some(i) = best.1 else { break };
+            let (at, value) = self.known[i as usize];
+            if face.sees(at, best.0.sqrt()) {
+                return value;
             }
-        });
-        best.1
+            hidden = best.0;
+        }
+        Rgb::BLACK
     }
 
     /// Radiance of caustics at a hit.
-    fn caustic(&self, si: &SurfaceInteraction, shading: &Shading<'_>) -> Rgb {
-        let mut near: Vec<(f32, u32)> = Vec::new();
-        self.caustic_grid.visit(si.point, self.widest_caustic, |i| {
-            let p = &self.caustics[i as usize];
-            let d2 = p.point.distance_squared(si.point);
-            if d2 < self.widest_caustic * self.widest_caustic && p.is_on(si, self.widest_caustic) {
-                near.push((d2, i));
-            }
-        });
-        let r2 = disk(&mut near, NEAREST[1], self.widest_caustic);
-        near.iter().map(|(d2, i)| self.caustics[*i as usize].reflected(si, shading) * cone(*d2, r2)).sum()
+    fn caustic(&self, world: &World, si: &SurfaceInteraction, shading: &Shading<'_>, seed: u64) -> Rgb {
+        let widest = self.widest_caustic;
+        let face = face_at(world, si, widest);
+        in_disk(&self.caustics, &self.caustic_grid, &face, NEAREST[1], widest, seed, |photon| photon.reflected(si, shading))
     }
 }
 

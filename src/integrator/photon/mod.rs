@@ -1,5 +1,6 @@
 //! Photons: particles from the lamps, kept where they meet diffuse surfaces.
 
+mod face;
 mod gather;
 mod grid;
 mod sppm;
@@ -14,6 +15,7 @@ use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, SamplerKind, Vec3};
 use crate::world::walk::RayCounts;
 use crate::world::{Departures, DirectSampling, Shading, ShadowRay, SurfaceInteraction, World};
+use face::Face;
 use grid::PhotonGrid;
 use rayon::prelude::*;
 use std::f64::consts::FRAC_1_PI;
@@ -125,12 +127,11 @@ impl Photon {
         };
         self.power * response / cos.abs().max(LEAST_COSINE)
     }
+}
 
-    /// True if it may count at `si`: on about the same face and side.
-    #[inline]
-    fn is_on(&self, si: &SurfaceInteraction, radius: f32) -> bool {
-        self.normal.dot(si.ng) > 0.7 && (self.point - si.point).dot(si.ng).abs() < 0.3 * radius
-    }
+/// The face around what is looked at, for disks of a radius.
+fn face_at<'a>(world: &'a World, si: &SurfaceInteraction, radius: f32) -> Face<'a> {
+    Face { world, at: (si.point, si.ng), height: 0.3 * radius, least_cosine: 0.7 }
 }
 
 /// What the diffuse part at `si` reflects of the lights that shadow rays find.

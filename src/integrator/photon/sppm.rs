@@ -2,7 +2,7 @@
 //! its own, and disks that shrink from pass to pass as r²(i+1) = r²(i) (i + alpha)/(i + 1), so that the mean of all passes has
 //! neither noise nor blur in the limit.
 
-use super::{Photon, PhotonGrid, Shots, Way, direct, shoot};
+use super::{Photon, PhotonGrid, Shots, Way, direct, face, face_at, shoot};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::integrator::{Frame, Integrator, IntegratorSettings, each_pixel};
@@ -65,7 +65,14 @@ impl<'a> Sppm<'a> {
     }
 
     /// What arrives along `ray`.
-    fn radiance(&self, ray: Ray, sampler: &mut Sampler, photons: Option<&Photons>, counts: &mut RayCounts) -> PixelSample {
+    fn radiance(
+        &self,
+        ray: Ray,
+        seed: u64,
+        sampler: &mut Sampler,
+        photons: Option<&Photons>,
+        counts: &mut RayCounts,
+    ) -> PixelSample {
         let world = self.world;
         let scene = world.scene();
         let limit = self.limit();
@@ -74,7 +81,12 @@ impl<'a> Sppm<'a> {
         // The walk draws from a stream of its own, so that shadow rays do not move it.
         let mut shade = |si: &SurfaceInteraction, shading: &Shading<'_>, through: u32, counts: &mut RayCounts| {
             let lit = direct(world, si, shading, 0.0, self.settings.direct, &mut shadow_sampler, counts);
-            (lit, photons.map_or((Rgb::BLACK, Rgb::BLACK), |p| p.reflected(si, shading, limit - through - 1)))
+            (
+                lit,
+                photons.map_or((Rgb::BLACK, Rgb::BLACK), |p| {
+                    p.reflected(world, si, shading, limit - through - 1, seed ^ u64::from(through))
+                }),
+            )
         };
         let mut walk_counts = RayCounts::default();
         if limit == 0 {
@@ -115,14 +127,23 @@ impl<'a> Sppm<'a> {
 }
 
 impl Photons {
-    /// Radiance by photons around `si` of at most `most_edges`: caustics and the rest.
-    fn reflected(&self, si: &SurfaceInteraction, shading: &Shading<'_>, most_edges: u32) -> (Rgb, Rgb) {
+    /// Radiance by photons around `si` of at most `most_edges`: caustics and the rest. Photons are asked whether they are seen only where
+    /// something stands in the disk, or ends it, as the first point drawn tells: shrinking disks get rid of the others.
+    fn reflected(&self, world: &World, si: &SurfaceInteraction, shading: &Shading<'_>, most_edges: u32, seed: u64) -> (Rgb, Rgb) {
         let (mut caustic, mut other) = (Rgb::BLACK, Rgb::BLACK);
         let r2 = self.radius * self.radius;
+        let face = face_at(world, si, self.radius);
+        // Known once there is a photon.
+        let mut trials = None;
         self.grid.visit(si.point, self.radius, |i| {
             let photon = &self.photons[i as usize];
-            if photon.point.distance_squared(si.point) < r2 && photon.edges <= most_edges && photon.is_on(si, self.radius) {
-                let found = photon.reflected(si, shading);
+            let is_near = photon.point.distance_squared(si.point) < r2 && photon.edges <= most_edges;
+            if is_near && face.holds((photon.point, photon.normal)) {
+                let (trials, is_clear) = *trials.get_or_insert_with(|| face.trials(self.radius, seed, 1, face::even));
+                if !is_clear && !face.sees_photon(photon, self.radius) {
+                    return;
+                }
+                let found = photon.reflected(si, shading) * f64::from(trials);
                 if photon.way == Way::Caustic {
                     caustic += found;
                 } else {
@@ -155,7 +176,8 @@ impl Integrator for Sppm<'_> {
         });
         let (samples, c) = each_pixel(self.world, &self.settings, frame, index, |start, counts| {
             let mut sampler = start.sampler;
-            self.radiance(start.ray, &mut sampler, photons.as_ref(), counts)
+            let seed = mix(start.seed ^ mix(start.key ^ mix(start.index)));
+            self.radiance(start.ray, seed, &mut sampler, photons.as_ref(), counts)
         });
         counts += c;
         (samples, counts)

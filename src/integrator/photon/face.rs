@@ -1,0 +1,96 @@
+//! What of a disk around a surface point is of the same face and seen from there: photons behind a wall that crosses the disk are none of
+//! the point's, and where the face ends there are none.
+
+use super::Photon;
+use crate::geometry::Ray;
+use crate::math::{Frame, Vec3, sampler::mix};
+use crate::world::World;
+use std::f32::consts::TAU;
+
+/// Height at which points of a disk look at each other, over its radius: above rounding, below what stands on the face.
+const LIFT: f32 = 1.0 / 512.0;
+/// The same for bent faces, over the distance times the bend of the normal: twice what an arc needs.
+const LIFT_BY_BEND: f32 = 0.25;
+/// The same over the scene's diagonal, at least: rounding.
+const LEAST_LIFT: f32 = 1e-6;
+/// Points drawn at most: a point of a face always has some of the disk for its own, at a corner of a cube a quarter.
+const MOST_TRIALS: u32 = 32;
+
+/// A surface point and the unit normal of its face, on the side that is looked at.
+pub(super) type SurfacePoint = (Vec3, Vec3);
+
+/// The face around a point.
+#[derive(Clone, Copy)]
+pub(super) struct Face<'a> {
+    pub world: &'a World,
+    pub at: SurfacePoint,
+    /// What is farther above or below is of another face [m].
+    pub height: f32,
+    /// Least cosine between normals of one face.
+    pub least_cosine: f32,
+}
+
+impl Face<'_> {
+    /// True if a point is of the face, whether seen or not.
+    #[inline]
+    pub fn holds(&self, (point, normal): SurfacePoint) -> bool {
+        normal.dot(self.at.1) > self.least_cosine && (point - self.at.0).dot(self.at.1).abs() < self.height
+    }
+
+    /// True if nothing stands between the face's point and another one, as they look at each other from just above.
+    pub fn sees(&self, other: SurfacePoint, radius: f32) -> bool {
+        sees(self.world, self.at, other, radius)
+    }
+
+    /// True if a photon is of the face and seen.
+    pub fn sees_photon(&self, photon: &Photon, radius: f32) -> bool {
+        self.sees((photon.point, photon.normal), radius)
+    }
+
+    /// One over the share of a disk that is of the face and seen, right in the mean: the number of points drawn from the disk until one is
+    /// [Booth07]. And whether the first `looks` points all were, so that nothing seems to stand in the disk. `share` gives the distance of a
+    /// point, over the radius, of three uniform numbers in [0, 1).
+    pub fn trials(&self, radius: f32, seed: u64, looks: u32, share: impl Fn([f32; 3]) -> f32) -> (u32, bool) {
+        let (point, normal) = self.at;
+        let axes = Frame::new(normal);
+        let number = |k: u64| (mix(seed.wrapping_add(mix(k))) >> 40) as f32 * 2.0_f32.powi(-24);
+        let is_own = |trial: u32| {
+            let k = 4 * u64::from(trial);
+            let (sin, cos) = (TAU * number(k)).sin_cos();
+            let distance = radius * share([number(k + 1), number(k + 2), number(k + 3)]);
+            let beside = point + (axes.s * cos + axes.t * sin) * distance;
+            // From just above, as something may hang low over the face; from higher up, as a hollow face rises beside the point.
+            [lift(self.world, radius), self.height].into_iter().any(|height| {
+                let mut down = Ray::new(beside + normal * height, -normal);
+                down.t_max = height + self.height;
+                self.world.intersect(&down).is_some_and(|met| {
+                    let other = (met.point, met.ng);
+                    self.holds(other) && self.sees(other, radius)
+                })
+            })
+        };
+        let first = (1..MOST_TRIALS).find(|trial| is_own(*trial)).unwrap_or(MOST_TRIALS);
+        (first, first == 1 && (2..=looks).all(is_own))
+    }
+}
+
+/// Height at which points of a disk look at each other where the face is flat [m].
+fn lift(world: &World, radius: f32) -> f32 {
+    (LIFT * radius).max(LEAST_LIFT * world.bounds().diagonal())
+}
+
+/// True if nothing stands between two surface points of a disk, as they look at each other from just above.
+fn sees(world: &World, a: SurfacePoint, b: SurfacePoint, radius: f32) -> bool {
+    let lift = lift(world, radius) + LIFT_BY_BEND * a.0.distance(b.0) * a.1.distance(b.1);
+    !world.transmittance(&Ray::between(a.0 + a.1 * lift, b.0 + b.1 * lift)).is_black()
+}
+
+/// Distances over the radius of points that are uniform in a disk.
+pub(super) fn even([u, _, _]: [f32; 3]) -> f32 {
+    u.sqrt()
+}
+
+/// The same of points as dense as a cone over the disk is high: the middle one of three uniform numbers.
+pub(super) fn as_cone([a, b, c]: [f32; 3]) -> f32 {
+    a.max(b).min(a.min(b).max(c))
+}
