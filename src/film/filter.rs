@@ -71,11 +71,10 @@ pub(super) fn filter(film: &Film) -> Filtered {
     let bands: Vec<[Plane; 8]> = starts.into_par_iter().map(|start| pixels.band(start, (start + BAND).min(h))).collect();
     let mut filtered = Filtered { image: Vec::with_capacity(w * h), variance: Vec::with_capacity(w * h) };
     for (band, totals) in bands.iter().enumerate() {
-        for i in 0..totals[0].len() {
-            let albedo = pixels.albedo[band * BAND * w + i].map(f64::from);
+        for (i, albedo) in pixels.albedo[band * BAND * w..].iter().take(totals[0].len()).enumerate() {
             let [n, m] = [6, 7].map(|k| f64::from(totals[k][i]));
             let channel = |c: usize| {
-                let [a, b] = [0, 3].map(|half| f64::from(totals[half + c][i]) * albedo[c] * pixels.unit);
+                let [a, b] = [0, 3].map(|half| f64::from(totals[half + c][i]) * f64::from(albedo[c]) * pixels.unit);
                 let difference = if n * m > 0.0 { a / n - b / m } else { 0.0 };
                 ((a + b) / (n + m).max(f64::MIN_POSITIVE), difference * difference * n * m / ((n + m) * (n + m)))
             };

@@ -162,7 +162,7 @@ fn fraction_done(budget: &Budget, clocks: &Clocks, started: &Start, film: &Film)
     let by_cpu = budget.cpu_time.map_or(0.0, |t| timed(t, clocks.cpu(), started.cpu));
     let reached = |goal: f64| film.estimated_relmse().map_or(0.0, |now| (goal / now).min(1.0));
     // It takes about as long as a pass to know, so it is not asked after each when there are many.
-    let is_asked = passes >= PASSES_BEFORE_ERROR && passes % (passes / PASSES_BEFORE_ERROR).next_power_of_two() == 0;
+    let is_asked = passes >= PASSES_BEFORE_ERROR && passes.is_multiple_of((passes / PASSES_BEFORE_ERROR).next_power_of_two());
     let by_error = budget.error.filter(|_| is_asked).map_or(0.0, reached);
     by_spp.max(by_time).max(by_cpu).max(by_error)
 }

@@ -156,7 +156,8 @@ fn samples_are_allotted_among_mirrors_too() {
         room.scene()
     };
     let error = |read_out| {
-        let [lean, _] = both(&scene(), &RenderSettings { read_out, ..quick(64, 0.5) }, "a mirror under the sky");
+        let [lean, _] =
+            both(&scene(), &RenderSettings { read_out, image_filter: false, ..quick(64, 0.5) }, "a mirror under the sky");
         lean.film.estimated_relmse().expect("two halves")
     };
     let (allotted, even) = (error(None), error(Some(ReadOut::FinalGather)));
@@ -260,6 +261,7 @@ fn bounces_below_the_error_asked_for_are_left_out() {
     let asked = |error: Option<f64>| {
         let mut settings = quick(64, 0.5);
         settings.budget.error = error;
+        settings.image_filter = false;
         settings
     };
     let (settings, rho) = (asked(Some(0.01)), 0.01);
