@@ -148,6 +148,7 @@ impl<'a> AmbientCaching<'a> {
             caches.insert(0, made);
         }
         let settings = FillSettings {
+            by_nearest: true,
             rays: self.rays() as u32,
             accuracy: self.rounds.accuracy as f32,
             closest: (FIRST_CLOSEST / self.finer()).max(LEAST_CLOSEST) as f32,

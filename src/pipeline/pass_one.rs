@@ -254,7 +254,7 @@ pub fn solve_from(
     let mut reused = Reused { patches: kept.patches.is_some(), ..Reused::default() };
     let how = settings.form_factor_settings(seed);
     if kept.form_factors.is_none() && kept.fresh.is_none() {
-        fits(PatchMesh::expected(world, &settings.patches), &how, settings.max_memory)?;
+        expect_to_fit(world, settings)?;
     }
     let mut patches = watch.time(Stage::Patches, || match kept.patches {
         Some(mut patches) => {
@@ -409,6 +409,14 @@ fn solve_groups(
     };
     whole.error_bound /= share;
     Ok((whole, groups))
+}
+
+/// Refuses a pass one that is expected not to fit, before a patch is made.
+///
+/// # Errors
+/// [`PipelineError::Memory`] with the patches expected.
+pub fn expect_to_fit(world: &World, settings: &PassOneSettings) -> Result<(), PipelineError> {
+    fits(PatchMesh::expected(world, &settings.patches), &settings.form_factor_settings(0), settings.max_memory)
 }
 
 /// Refuses what will not fit, before it is allocated.

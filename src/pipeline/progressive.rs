@@ -72,6 +72,10 @@ const ERROR_OVER_NOISE: f64 = 1.5;
 /// The same of filtered pictures: what the filter does wrong is alike in both halves. In 17 rows of six scenes the noise alone was 0.26 to 0.6 of
 /// the error.
 const ERROR_OVER_FILTERED_NOISE: f64 = 2.5;
+/// First round whose records reach as far as what stands nearest lets them, whatever their gradients. Before, gradients limit them: that is faster to
+/// fill and to read, and leaves records that missed the light by chance the most room. In door-ajar the mean at 10 CPU s is 1.3 % dark so in all
+/// rounds.
+const FIRST_BY_NEAREST: u32 = 2;
 /// Farthest records in pixels.
 const FARTHEST: f64 = 20.0;
 
@@ -265,6 +269,7 @@ impl<'a, K: Stages> Progressive<'a, K> {
         FillSettings {
             rays: self.rays_per_record() as u32,
             accuracy: self.accuracy as f32,
+            by_nearest: self.round >= FIRST_BY_NEAREST,
             closest: (FIRST_CLOSEST / self.finer()).max(LEAST_CLOSEST) as f32,
             farthest: FARTHEST as f32,
             spacing: if self.round < SPACED_ROUNDS { 2 } else { 1 },

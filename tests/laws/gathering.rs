@@ -58,8 +58,16 @@ fn what_is_read_between_records_is_the_irradiance_there() {
         smooth: None,
         stages: std::marker::PhantomData,
     };
-    let fill =
-        FillSettings { rays: 4096, accuracy: 0.25, closest: 2.0, farthest: 16.0, spacing: 1, most_rays: u64::MAX, seed: 5 };
+    let fill = FillSettings {
+        rays: 4096,
+        accuracy: 0.25,
+        by_nearest: false,
+        closest: 2.0,
+        farthest: 16.0,
+        spacing: 1,
+        most_rays: u64::MAX,
+        seed: 5,
+    };
     let cache = tracer.fill(&Frame::whole(32, 32), &fill, &mut RayCounts::default());
     assert!((10..400).contains(&cache.len()), "{} records", cache.len());
     let mut worst: f64 = 0.0;

@@ -12,6 +12,7 @@ use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
 use twopass::patch::PatchMesh;
 use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::pass_one::expect_to_fit;
 use twopass::pipeline::solution_file::{self, Meta, SolutionFile};
 use twopass::pipeline::{self, Kept, PassOneSettings, PipelineError, Solved, StageCosts, surface_points};
 use twopass::progress::Stage;
@@ -48,8 +49,9 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     };
     run_report.add_time(Stage::Load, reading.elapsed());
     if kept.form_factors.is_none() {
-        // Counted before memory is refused or taken: patches alone are a small part of it.
+        // Counted as soon as it may fit, before memory is taken: patches alone are a small part of it.
         if kept.patches.is_none() {
+            expect_to_fit(&world, &settings.pass_one)?;
             let patches = costs.time(Stage::Patches, || PatchMesh::build(&world, &settings.pass_one.patches));
             kept.fresh = Some(patches.map_err(PipelineError::from)?);
         }

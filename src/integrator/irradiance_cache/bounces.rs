@@ -60,7 +60,8 @@ impl TwoPass<'_> {
     /// A cache for what the gather rays of this frame's surfaces meet.
     pub fn fill_bounce(&self, frame: &Frame, settings: &BounceSettings, counts: &mut RayCounts) -> IrradianceCache {
         let mut cache = IrradianceCache::default();
-        let gather = GatherSettings { rays: settings.rays, accuracy: settings.accuracy, seed: mix(settings.seed) };
+        let gather =
+            GatherSettings { rays: settings.rays, accuracy: settings.accuracy, by_nearest: true, seed: mix(settings.seed) };
         let reach = settings.reach.map(|r| r * self.world.bounds().diagonal());
         let places = places(self.world, frame, settings.seed);
         let (mut done, mut batch) = (0, FIRST_BATCH);

@@ -19,6 +19,8 @@ pub struct FillSettings {
     pub rays: u32,
     /// Distance up to which no other record is placed, over the harmonic mean of the distances seen.
     pub accuracy: f32,
+    /// As [`GatherSettings::by_nearest`].
+    pub by_nearest: bool,
     /// Closest records, in pixels as seen.
     pub closest: f32,
     /// Farthest records, in pixels as seen.
@@ -43,7 +45,12 @@ impl<K: Stages> TwoPass<'_, K> {
     /// A cache for what this frame sees.
     pub fn fill(&self, frame: &Frame, settings: &FillSettings, counts: &mut RayCounts) -> IrradianceCache {
         let mut cache = IrradianceCache::default();
-        let gather = GatherSettings { rays: settings.rays, accuracy: settings.accuracy, seed: mix(settings.seed) };
+        let gather = GatherSettings {
+            rays: settings.rays,
+            accuracy: settings.accuracy,
+            by_nearest: settings.by_nearest,
+            seed: mix(settings.seed),
+        };
         let mut spent = 0;
         let mut key = 0;
         let [width, height] = [frame.crop[2], frame.crop[3]];

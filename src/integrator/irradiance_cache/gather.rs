@@ -17,6 +17,8 @@ pub(super) struct GatherSettings {
     pub rays: u32,
     /// Distance up to which no other record is placed, over the harmonic mean of the distances seen.
     pub accuracy: f32,
+    /// True if a record reaches no further than to what stands nearest; else its gradient limits its reach.
+    pub by_nearest: bool,
     /// Seed.
     pub seed: u64,
 }
@@ -101,7 +103,7 @@ impl<K: Stages> TwoPass<'_, K> {
                 });
             }
         }
-        self.record_of(si, &frame, &seen, rings, settings.accuracy, reach)
+        self.record_of(si, &frame, &seen, rings, settings, reach)
     }
 
     fn record_of<const N: usize>(
@@ -110,9 +112,10 @@ impl<K: Stages> TwoPass<'_, K> {
         frame: &Frame,
         seen: &[Seen<N>],
         rings: usize,
-        accuracy: f32,
+        settings: &GatherSettings,
         reach: [f32; 2],
     ) -> Record {
+        let GatherSettings { accuracy, by_nearest, .. } = *settings;
         let n = seen.len() as f64;
         let irradiance = sum(seen.iter().map(|s| &s.radiance)) * (PI / n);
         let emitted = sum(seen.iter().map(|s| &s.emitted)) * (PI / n);
@@ -123,7 +126,7 @@ impl<K: Stages> TwoPass<'_, K> {
         let mean_nearness = seen.iter().map(|s| s.nearness).sum::<f64>() / n;
         let harmonic = (1.0 / mean_nearness.max(1e-30)) as f32;
         let [least, most] = reach;
-        let reach = if self.below.is_some() {
+        let reach = if by_nearest {
             // Rays into a few bright places make irradiance and gradient noisy together: a reach that followed them would give most room to
             // records that missed the light. So the gradient follows the reach, which ends before what stands nearest.
             let nearness = seen.iter().map(|s| s.nearness).fold(1e-30, f64::max);
