@@ -210,7 +210,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "RELMSE", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "When to stop (the first to be met)")]
     pub error: Option<f64>,
     /// Render a second time with every stage at work, and say what leaving out saved, also in the run report
-    #[arg(long, conflicts_with_all = ["solution", "resume"], help_heading = "When to stop (the first to be met)")]
+    #[arg(long, conflicts_with_all = ["solution", "resume"], help_heading = "Pass two")]
     pub time_plan: bool,
     /// Method of pass two; table by --list-methods
     #[arg(long, value_name = "M", default_value = "two-pass", value_parser = parse_method, help_heading = "Pass two")]
