@@ -40,10 +40,9 @@ impl RayCastSettings {
         Self { rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
     }
 
-    /// Rays of patch `i`. What a small patch sends and blocks counts by its area, and so does the error that its rays leave.
+    /// Rays of patch `i`, by its share.
     pub fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
-        let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(0.125, 1.0);
-        ((f64::from(self.rays) * share) as u32).next_power_of_two()
+        ((f64::from(self.rays) * patches.share_of_rays(i)) as u32).next_power_of_two()
     }
 }
 

@@ -281,6 +281,7 @@ impl<K: Stages> TwoPass<'_, K> {
         for index in 0..samples {
             let mut trace = Trace::new(Sampler::new(self.settings.seed, key, index), key, index, &mut counts);
             self.radiance(ray, Path::START, &mut trace);
+            *trace.sample.layer(Quantity::Direct) += trace.seen;
             let straight = *trace.sample.layer(Quantity::Direct);
             direct += straight;
             rest += trace.sample.radiance() - straight;

@@ -6,6 +6,7 @@ mod branches;
 pub mod caustic_map;
 pub mod drive;
 pub mod final_gather;
+mod glance;
 pub mod irradiance_cache;
 pub mod light_tracer;
 pub mod method;
@@ -18,6 +19,7 @@ pub mod radiosity_view;
 mod splat;
 pub mod whitted;
 
+pub use glance::Looked;
 pub use method::{Method, MethodSettings};
 pub use path_filter::PathFilter;
 
@@ -175,6 +177,10 @@ pub struct PassPlan<'a> {
     pub taken: &'a [u32],
     /// Samples to be taken, by pixel.
     pub wanted: &'a [u32],
+    /// Glances of that half so far, by pixel.
+    pub glanced: &'a [u32],
+    /// Glances beside each sample, by pixel.
+    pub glances: &'a [u8],
 }
 
 /// Pass `pass` over all pixels of `frame`: one camera sample each, traced by `trace`.
@@ -185,42 +191,23 @@ fn each_pixel(
     pass: u32,
     trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
 ) -> (Vec<PixelSample>, RayCounts) {
-    by_rows(frame, |pixel, counts| {
+    by_rows(frame, PixelSample::NONE, |pixel, counts| {
         counts.camera += 1;
         trace(camera_start(world, settings, frame, pass, pixel), counts)
     })
 }
 
-/// A pass of as many camera samples a pixel as `plan` says.
-fn each_planned(
-    world: &World,
-    settings: &IntegratorSettings,
-    frame: &Frame,
-    plan: PassPlan<'_>,
-    trace: impl Fn(Start, &mut RayCounts) -> PixelSample + Sync,
-) -> (Vec<PixelSample>, RayCounts) {
-    by_rows(frame, |pixel, counts| {
-        let mut sum = PixelSample::NONE;
-        for k in 0..plan.wanted[pixel] {
-            counts.camera += 1;
-            let index = plan.taken[pixel] + k;
-            sum.add(&trace(start_in_half(world, settings, frame, plan.half, index, pixel), counts));
-        }
-        sum
-    })
-}
-
 /// All pixels, row by row.
-fn by_rows(frame: &Frame, pixel: impl Fn(usize, &mut RayCounts) -> PixelSample + Sync) -> (Vec<PixelSample>, RayCounts) {
-    let mut samples = vec![PixelSample::NONE; frame.n_pixels()];
+fn by_rows<T: Copy + Send>(frame: &Frame, nothing: T, pixel: impl Fn(usize, &mut RayCounts) -> T + Sync) -> (Vec<T>, RayCounts) {
+    let mut found = vec![nothing; frame.n_pixels()];
     let row = frame.crop[2].max(1);
-    let counts = samples
+    let counts = found
         .par_chunks_mut(row)
         .enumerate()
-        .map(|(y, samples)| {
+        .map(|(y, of_row)| {
             let mut counts = RayCounts::default();
-            for (x, sample) in samples.iter_mut().enumerate() {
-                *sample = pixel(y * row + x, &mut counts);
+            for (x, of_pixel) in of_row.iter_mut().enumerate() {
+                *of_pixel = pixel(y * row + x, &mut counts);
             }
             counts
         })
@@ -228,7 +215,7 @@ fn by_rows(frame: &Frame, pixel: impl Fn(usize, &mut RayCounts) -> PixelSample +
             a += b;
             a
         });
-    (samples, counts)
+    (found, counts)
 }
 
 /// Both passes over one field.

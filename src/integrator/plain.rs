@@ -30,9 +30,9 @@ impl<K: Stages> TwoPass<'_, K> {
         *trace.sample.layer(Quantity::Normal) += Rgb::from(met.normal.to_array());
         let shape = &self.world.scene().shapes[met.shape as usize];
         if met.front && shape.emits() {
-            *trace.sample.layer(Quantity::Direct) += shape.emitted(crate::math::Vec2::ZERO);
+            trace.seen += shape.emitted(crate::math::Vec2::ZERO);
         }
-        if !met.diffuse {
+        if trace.glances || !met.diffuse {
             return;
         }
         let si = self.world.flat_interaction(&met);

@@ -1,7 +1,7 @@
 //! Whitted's recursion over the solution of pass one: I = I_local + Kr R + Kt T [Whitted80].
 
 use super::irradiance_cache::{Gap, IrradianceCache};
-use super::{Frame as FilmFrame, Integrator, PassPlan, ReadOut, Start, TwoPass, branches};
+use super::{Frame as FilmFrame, Integrator, ReadOut, Start, TwoPass, branches};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
@@ -42,6 +42,10 @@ pub(super) struct Trace<'a> {
     pub index: u64,
     pub counts: &'a mut RayCounts,
     pub sample: PixelSample,
+    /// Emission that the ray and its reflections have met, as seen by the camera.
+    pub seen: Rgb,
+    /// Nothing else is looked for.
+    pub glances: bool,
     /// Where an irradiance cache is being filled: nothing is lit then, gaps are noted.
     pub collect: Option<Collect<'a>>,
 }
@@ -56,7 +60,7 @@ pub(super) struct Collect<'a> {
 
 impl<'a> Trace<'a> {
     pub fn new(sampler: Sampler, key: u64, index: u64, counts: &'a mut RayCounts) -> Self {
-        Self { sampler, key, index, counts, sample: PixelSample::default(), collect: None }
+        Self { sampler, key, index, counts, sample: PixelSample::default(), seen: Rgb::BLACK, glances: false, collect: None }
     }
 }
 
@@ -71,14 +75,10 @@ impl<K: Stages> Integrator for TwoPass<'_, K> {
 }
 
 impl<K: Stages> TwoPass<'_, K> {
-    /// A pass of as many samples a pixel as `plan` says.
-    pub fn planned_pass(&self, frame: &FilmFrame, plan: PassPlan<'_>) -> (Vec<PixelSample>, RayCounts) {
-        super::each_planned(self.world, &self.settings, frame, plan, |start, counts| self.sample(start, counts))
-    }
-
     fn sample(&self, start: Start, counts: &mut RayCounts) -> PixelSample {
         let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
         self.radiance(&start.ray, Path::START, &mut trace);
+        *trace.sample.layer(Quantity::Direct) += trace.seen;
         trace.sample
     }
 
@@ -102,7 +102,7 @@ impl<K: Stages> TwoPass<'_, K> {
             if K::DISTANT {
                 trace.counts.distant += 1;
                 let share = self.world.escape_share(&path.sight, ray.direction);
-                *trace.sample.layer(Quantity::Direct) += weight * self.world.scene().escaped_radiance(ray.direction) * share;
+                trace.seen += weight * self.world.scene().escaped_radiance(ray.direction) * share;
             }
             return;
         };
@@ -113,7 +113,10 @@ impl<K: Stages> TwoPass<'_, K> {
         }
         if si.front && shape.emits() {
             let share = self.world.emission_share(&path.sight, ray.direction, &si);
-            *trace.sample.layer(Quantity::Direct) += weight * shape.emitted(si.uv) * share;
+            trace.seen += weight * shape.emitted(si.uv) * share;
+        }
+        if !K::SPECULAR && trace.glances {
+            return;
         }
         trace.counts.met::<K>();
         let shading = self.world.shading_by::<K>(&si);
@@ -125,7 +128,7 @@ impl<K: Stages> TwoPass<'_, K> {
         }
         trace.counts.lobes += 1;
         let branches = self.branches(&shading, &path, trace);
-        if shading.has_diffuse() || shading.has_glossy() {
+        if !trace.glances && (shading.has_diffuse() || shading.has_glossy()) {
             self.local(&si, &shading, branches.glossy, &path, trace);
         }
         branches::follow(self, &si, &shading, &branches, &path, trace);

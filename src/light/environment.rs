@@ -1,11 +1,14 @@
 //! What surrounds the scene: the same radiance from everywhere, or an image of the whole sphere.
 
 use crate::material::texture::Texels;
-use crate::math::{DMat3, DVec3, Rgb, Vec2, Vec3};
+use crate::math::{DMat3, DVec3, Rgb, Vec2, Vec3, warp};
 use std::f64::consts::{PI, TAU};
 
 /// Largest step between rows below which sines of small angles are summed as a series.
 const SMALL_STEP: f64 = 0.3;
+
+/// Step between rows below which a few terms of a series tell sines to all digits that matter [rad].
+const NARROW: f64 = 0.01;
 
 /// Share of a map's mean irradiance that every receiver is taken to get at least, when lights are chosen.
 const LEAST_IMPORTANCE: f64 = 0.05;
@@ -41,6 +44,8 @@ pub struct Map {
     blocks: Vec<f64>,
     /// Running sum of the luminance integrated over the bands between rows [sr times columns].
     bands: Vec<f64>,
+    /// Sine and cosine of the polar angle of each row.
+    sines: Vec<(f64, f64)>,
 }
 
 /// A place between texels.
@@ -82,8 +87,7 @@ impl Environment {
         match self {
             Environment::Uniform(radiance) => (crate::math::warp::sphere(u), *radiance, 0.25 / PI),
             Environment::Map(map) => {
-                let direction = map.sample(u);
-                let radiance = map.radiance(direction);
+                let (direction, radiance) = map.sample(u);
                 (direction, radiance, map.pdf(radiance))
             }
         }
@@ -164,7 +168,8 @@ impl Map {
         let vector = to_scene * vector * (scale * 4.0 * PI / width as f64);
         let ends = |row: &[f64]| row.chunks(BLOCK).map(|block| block[block.len() - 1]).collect::<Vec<_>>();
         let blocks = running.chunks(width).flat_map(ends).collect();
-        Self { width, height, texels, scale, to_scene, mean, vector, running, blocks, bands }
+        let sines = (0..height).map(|row| (step * row as f64).sin_cos()).collect();
+        Self { width, height, texels, scale, to_scene, mean, vector, running, blocks, bands, sines }
     }
 
     /// Where `direction` lies between the texels.
@@ -184,7 +189,11 @@ impl Map {
 
     #[inline]
     fn radiance(&self, direction: Vec3) -> Rgb {
-        let Place { column, row, x, y } = self.place(direction);
+        self.radiance_at(&self.place(direction))
+    }
+
+    #[inline]
+    fn radiance_at(&self, &Place { column, row, x, y }: &Place) -> Rgb {
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let texel = |row: usize, column: usize| Rgb::from(self.texels.at(row * self.width + column));
         let along = |row: usize| texel(row, column) * (1.0 - x) + texel(row, next) * x;
@@ -198,12 +207,12 @@ impl Map {
         if total > 0.0 { radiance.luminance() / total } else { 0.0 }
     }
 
-    /// A direction by luminance: first the band between two rows, then the polar angle in it, then the azimuth.
-    fn sample(&self, u: Vec2) -> Vec3 {
+    /// A direction by luminance, with its radiance: first the band between two rows, then the polar angle in it, then the azimuth.
+    fn sample(&self, u: Vec2) -> (Vec3, Rgb) {
         let target = f64::from(u.y) * self.bands[self.bands.len() - 1];
         let row = self.bands.partition_point(|&b| b <= target).min(self.height - 2);
         let before = if row == 0 { 0.0 } else { self.bands[row - 1] };
-        let band = Band::new(row, PI / (self.height - 1) as f64);
+        let band = self.band(row);
         let (top, bottom) = (self.row(row), self.row(row + 1));
         let y = band.invert(top[self.width - 1], bottom[self.width - 1], target - before);
         let mix = |a: f64, b: f64| a * (1.0 - y) + b * y;
@@ -218,9 +227,17 @@ impl Map {
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let [left, right] = [column, next].map(|c| mix(self.luminance(row, c), self.luminance(row + 1, c)));
         let x = invert_linear(left, right, rest);
-        let theta = band.step * (row as f64 + y);
-        let phi = TAU * (column as f64 + x + 0.5) / self.width as f64;
-        (self.to_scene * local_direction(theta, phi)).as_vec3().normalize()
+        let (st, ct) = band.sin_cos(y);
+        let (sp, cp) = warp::sin_cos_of_turn((column as f64 + x + 0.5) / self.width as f64);
+        let direction = (self.to_scene * DVec3::new(sp * st, ct, -cp * st)).as_vec3().normalize();
+        (direction, self.radiance_at(&Place { column, row, x, y }))
+    }
+
+    /// The strip between a row and the next.
+    #[inline]
+    fn band(&self, row: usize) -> Band {
+        let (sin, cos) = self.sines[row];
+        Band { step: PI / (self.height - 1) as f64, sin, cos }
     }
 
     /// Inverse of [`Map::sample`].
@@ -228,7 +245,7 @@ impl Map {
         let Place { column, row, x, y } = self.place(direction);
         let (top, bottom) = (self.row(row), self.row(row + 1));
         let before = if row == 0 { 0.0 } else { self.bands[row - 1] };
-        let band = Band::new(row, PI / (self.height - 1) as f64);
+        let band = self.band(row);
         let along_y = before + band.integral(top[self.width - 1], bottom[self.width - 1], y);
         let mix = |a: f64, b: f64| a * (1.0 - y) + b * y;
         let next = if column + 1 == self.width { 0 } else { column + 1 };
@@ -306,8 +323,47 @@ impl Band {
         self.sin * (a * c0 + (b - a) * c1) + self.cos * (a * s0 + (b - a) * s1)
     }
 
-    /// The t at which [`Band::integral`] reaches `target`: Newton's method, kept inside a shrinking bracket.
+    /// Sine and cosine of the polar angle at a share `t` of the band.
+    #[inline]
+    fn sin_cos(&self, t: f64) -> (f64, f64) {
+        let x = self.step * t;
+        let (sin, cos) = if x < NARROW {
+            let x2 = x * x;
+            (x * (1.0 - x2 * (1.0 / 6.0 - x2 / 120.0)), 1.0 - x2 * (0.5 - x2 * (1.0 / 24.0 - x2 / 720.0)))
+        } else {
+            x.sin_cos()
+        };
+        (self.sin * cos + self.cos * sin, self.cos * cos - self.sin * sin)
+    }
+
+    /// The t at which [`Band::integral`] reaches `target`.
+    #[inline]
     fn invert(&self, a: f64, b: f64, target: f64) -> f64 {
+        if self.step < NARROW { self.invert_narrow(a, b, target) } else { self.invert_wide(a, b, target) }
+    }
+
+    /// The same for a narrow band, in which the sine is a parabola to 2e-7: Newton's method on a polynomial, from where it would be if sine and
+    /// radiance were linear together.
+    fn invert_narrow(&self, a: f64, b: f64, target: f64) -> f64 {
+        let (s, c, bend) = (self.sin, self.cos * self.step, -0.5 * self.sin * self.step * self.step);
+        let d = b - a;
+        // Of (a + d t)(s + c t + bend t²).
+        let of = [a * s, a * c + d * s, a * bend + d * c, d * bend];
+        let end = s + c + bend;
+        let mut t = invert_linear(a * s + 1e-300, (b * end).max(0.0), target);
+        for _ in 0..3 {
+            let error = t * (of[0] + t * (of[1] / 2.0 + t * (of[2] / 3.0 + t * of[3] / 4.0))) - target;
+            let slope = of[0] + t * (of[1] + t * (of[2] + t * of[3]));
+            if slope <= 0.0 {
+                break;
+            }
+            t = (t - error / slope).clamp(0.0, 1.0);
+        }
+        t
+    }
+
+    /// The same for any band: Newton's method, kept inside a shrinking bracket.
+    fn invert_wide(&self, a: f64, b: f64, target: f64) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
         // Exact if sine and radiance were linear together.
         let (sin1, _) = (self.sin * self.step.cos() + self.cos * self.step.sin(), ());

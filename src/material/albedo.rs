@@ -3,7 +3,9 @@
 use super::microfacet::{Distribution, Microfacet};
 use crate::math::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Nodes over the cosine, denser towards grazing angles.
 const COSINES: usize = 96;
@@ -110,8 +112,18 @@ pub fn above(mu: f64, azimuth: f64) -> DVec3 {
     DVec3::new(sin * azimuth.cos(), sin * azimuth.sin(), mu)
 }
 
-/// Nodes and weights of Gauss-Legendre quadrature on [0, 1]: roots of the Legendre polynomial by Newton's method.
-pub fn gauss_legendre(n: usize) -> (Vec<f64>, Vec<f64>) {
+/// Nodes and weights of a quadrature.
+pub type Quadrature = (Vec<f64>, Vec<f64>);
+
+/// Nodes and weights of Gauss-Legendre quadrature on [0, 1]; those asked for before are kept, since tables ask for the same thousands of times.
+pub fn gauss_legendre(n: usize) -> Arc<Quadrature> {
+    static KNOWN: Mutex<BTreeMap<usize, Arc<Quadrature>>> = Mutex::new(BTreeMap::new());
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    known.entry(n).or_insert_with(|| Arc::new(legendre_roots(n))).clone()
+}
+
+/// Roots of the Legendre polynomial by Newton's method.
+fn legendre_roots(n: usize) -> Quadrature {
     (0..n)
         .map(|i| {
             let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
@@ -137,9 +149,9 @@ mod tests {
     fn gauss_legendre_integrates_polynomials() {
         // Exact up to degree 2n - 1: int_0^1 x^k dx = 1/(k + 1).
         for n in [2, 5, 32, 128] {
-            let (nodes, weights) = gauss_legendre(n);
+            let (nodes, weights) = &*gauss_legendre(n);
             for k in [0, 1, 2 * n - 1] {
-                let got: f64 = nodes.iter().zip(&weights).map(|(x, w)| w * x.powi(k as i32)).sum();
+                let got: f64 = nodes.iter().zip(weights).map(|(x, w)| w * x.powi(k as i32)).sum();
                 assert!((got * (k + 1) as f64 - 1.0).abs() < 1e-12, "n {n}, x^{k}: {got}");
             }
         }

@@ -95,7 +95,7 @@ impl Microfacet {
     /// equal Mitsuba's need the same; for others see [`Self::smooth_mean`].
     pub fn mean<const N: usize>(&self, v: DVec3, points: usize, mut f: impl FnMut(DVec3) -> [f64; N]) -> [f64; N] {
         let stretched = self.stretched(v);
-        let (nodes, weights) = gauss_legendre(points);
+        let (nodes, weights) = &*gauss_legendre(points);
         let across: Vec<f64> = match self.distribution {
             Distribution::Beckmann => nodes.iter().map(|&u| gaussian_slope(u)).collect(),
             Distribution::Ggx => Vec::new(),
@@ -121,7 +121,7 @@ impl Microfacet {
         }
         let stretched = self.stretched(v);
         // More rings than spokes: where mirrored light reaches the horizon, the mean has a crease along a ring.
-        let (nodes, weights) = gauss_legendre(2 * points);
+        let (nodes, weights) = &*gauss_legendre(2 * points);
         let mut sums = [0.0; N];
         for (x, weight) in nodes.iter().zip(weights) {
             // The radius as a sine: normals depend on the height above the disk, which then has no root at the rim.

@@ -384,10 +384,10 @@ fn view(cos: f64) -> DVec3 {
 
 impl DiffuseTerms {
     fn new() -> Self {
-        let (nodes, weights) = gauss_legendre(48);
+        let (nodes, weights) = &*gauss_legendre(48);
         let integral = |cos: f64| {
             let mut terms = [0.0; 7];
-            for (x, w) in nodes.iter().zip(&weights) {
+            for (x, w) in nodes.iter().zip(weights) {
                 // The flattened part rises towards grazing light: mu = x² puts nodes there.
                 let mu = x * x;
                 for k in 0..32 {
@@ -404,7 +404,7 @@ impl DiffuseTerms {
         };
         let toward = (0..NODES).map(|i| integral((i as f64 / (NODES - 1) as f64).powi(2).max(1e-6))).collect();
         let mut mean = [0.0; 7];
-        for (x, w) in nodes.iter().zip(&weights) {
+        for (x, w) in nodes.iter().zip(weights) {
             let terms = integral(x * x);
             mean.iter_mut().zip(terms).for_each(|(sum, v)| *sum += w * 4.0 * x.powi(3) * v);
         }
@@ -428,11 +428,11 @@ static COAT: LazyLock<CoatTable> = LazyLock::new(CoatTable::new);
 
 impl CoatTable {
     fn new() -> Self {
-        let (nodes, weights) = gauss_legendre(32);
+        let (nodes, weights) = &*gauss_legendre(32);
         let albedo = |cos: f64, gloss: f64| {
             let (coat, wo) = (Gtr1::of_gloss(gloss), view(cos));
             let mut sum = 0.0;
-            for (y, w) in nodes.iter().zip(&weights) {
+            for (y, w) in nodes.iter().zip(weights) {
                 for k in 0..32 {
                     let m = coat.sample(DVec2::new((f64::from(k) + 0.5) / 64.0, *y));
                     let wi = reflected(wo, m);

@@ -13,10 +13,8 @@ use crate::world::{DirectSampling, ShadowRay, Stages, World};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their area, but an eighth at least.
+/// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their share.
 pub(super) const DIRECT_POINTS: f64 = 32.0;
-/// Smallest share of them.
-const LEAST_SHARE: f64 = 0.125;
 
 /// A patch of the full size gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all
 /// patches; the squared error that a smaller one may keep is larger as its area, and so its weight in all light to come, is smaller ...
@@ -233,7 +231,7 @@ impl ByStages for Measure<'_> {
                     points: 0,
                     counts: RayCounts::default(),
                 };
-                self.look::<K>(i, (DIRECT_POINTS * share(i).max(LEAST_SHARE)) as u64, &mut measured);
+                self.look::<K>(i, (DIRECT_POINTS * patches.share_of_rays(i)) as u64, &mut measured);
                 measured
             })
             .collect();

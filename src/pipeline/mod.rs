@@ -343,7 +343,7 @@ impl ByStages for Render<'_, '_, '_> {
             && scene.may_emit()
             && scene.has_diffuse();
         let coarse = progressive || settings.method == Method::TwoPassUnbiased;
-        let mut first = if coarse { first_pass_one(&settings.pass_one) } else { settings.pass_one };
+        let mut first = if coarse { first_pass_one(&settings.pass_one, &world) } else { settings.pass_one };
         first.extended &= settings.method.extends_form_factors();
         if settings.method == Method::TwoPassPlanar {
             if first.form_factors == FormFactorMethod::Hierarchical {

@@ -147,7 +147,8 @@ pub(super) fn solve(
     loop {
         let mut is_met = |s: usize, x: &[Rgb], r: &[Rgb]| {
             let set = &sets.members[s];
-            let is = relative(bound.of(set, r), system.mean_irradiance(set, x));
+            // One more bounce is added at the end, which makes the bound smaller only if rows sum to less than 1.
+            let is = relative(sets.spectral_bound_of(set).max(1.0) * bound.of(set, r), system.mean_irradiance(set, x));
             now.set(now.get().max(is));
             is <= MARGIN * settings.tolerance
         };

@@ -16,6 +16,8 @@ use twopass::run_report::process_cpu_seconds;
 pub struct Shot {
     pub scene: &'static str,
     pub spp: u32,
+    /// Predicted error at which it stops before.
+    pub error: Option<f64>,
     pub seed: u64,
     pub sampler: SamplerKind,
     pub method: Method,
@@ -31,6 +33,7 @@ impl Shot {
         Self {
             scene,
             spp: 1,
+            error: None,
             seed: 0,
             sampler: SamplerKind::Sobol,
             method: Method::TwoPass,
@@ -51,7 +54,7 @@ pub fn rendered_with(shot: &Shot, snapshot: &mut Snapshot<'_>) -> Rendered {
     let defines = shot.defines.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
     let file = root().join("scenes").join(shot.scene).join("scene.xml");
     let scene = load_scene(&file, &LoadOptions { defines, ..LoadOptions::default() }).expect("the scene loads").scene;
-    let budget = Budget { spp: Some(shot.spp), ..Budget::default() };
+    let budget = Budget { spp: Some(shot.spp), error: shot.error, ..Budget::default() };
     let Shot { method, read_out, seed, sampler, .. } = *shot;
     let settings = RenderSettings { method, read_out, seed, sampler, budget, ..RenderSettings::default() };
     render(scene, &settings, &Clocks::start(process_cpu_seconds), &mut silent, snapshot).expect("renders")
@@ -117,7 +120,7 @@ impl Case {
         }
     }
 
-    fn metrics(&self) -> Metrics {
+    pub fn metrics(&self) -> Metrics {
         compare(&self.comparison()).expect("picture and reference are comparable")
     }
 

@@ -6,7 +6,7 @@ use twopass::accel::AccelKind;
 use twopass::geometry::Ray;
 use twopass::integrator::caustic_map::{CausticMap, CausticSettings};
 use twopass::integrator::irradiance_cache::FillSettings;
-use twopass::integrator::{Frame, IntegratorSettings, ReadOut, TwoPass};
+use twopass::integrator::{Frame, IntegratorSettings, PassPlan, ReadOut, TwoPass};
 use twopass::math::{SamplerKind, Vec3};
 use twopass::world::walk::RayCounts;
 use twopass::world::{DirectSampling, EmitterPartition, World};
@@ -24,6 +24,30 @@ fn irradiance(p: DVec3, n: DVec3, corner: DVec3, e1: DVec3, e2: DVec3) -> f64 {
     (0..STEPS * STEPS).map(cell).sum()
 }
 
+/// Pass two without a pass one.
+fn tracer(world: &World, sampler: SamplerKind) -> TwoPass<'_> {
+    let settings = IntegratorSettings {
+        read_out: ReadOut::FinalGather,
+        max_depth: None,
+        gather_rays: 4,
+        direct: DirectSampling::default(),
+        seed: 1,
+        sampler,
+    };
+    TwoPass {
+        world,
+        field: None,
+        settings,
+        cache: None,
+        caustics: None,
+        ambient: 0.0,
+        below: None,
+        residual: None,
+        smooth: None,
+        stages: std::marker::PhantomData,
+    }
+}
+
 /// A floor beside a wall that glows. The wall is so large that gather rays look for it, and nothing else is there: what is read between
 /// records is the wall's irradiance, which falls by half within a distance as long as the wall is away. Without gradients, or with one of
 /// them turned round, records this far apart would be off by several per cent.
@@ -38,26 +62,7 @@ fn what_is_read_between_records_is_the_irradiance_there() {
     let partition = EmitterPartition::new(&scene, 0.0);
     let origin = scene.origin;
     let world = World::with_partition(scene, AccelKind::Obvhs, partition).expect("builds");
-    let settings = IntegratorSettings {
-        read_out: ReadOut::FinalGather,
-        max_depth: None,
-        gather_rays: 4,
-        direct: DirectSampling::default(),
-        seed: 1,
-        sampler: SamplerKind::Sobol,
-    };
-    let tracer: TwoPass<'_> = TwoPass {
-        world: &world,
-        field: None,
-        settings,
-        cache: None,
-        caustics: None,
-        ambient: 0.0,
-        below: None,
-        residual: None,
-        smooth: None,
-        stages: std::marker::PhantomData,
-    };
+    let tracer = tracer(&world, SamplerKind::Sobol);
     let fill = FillSettings {
         rays: 4096,
         accuracy: 0.25,
@@ -130,4 +135,47 @@ fn without_a_mirror_there_are_no_particles() {
     let settings = CausticSettings { particles: 1000, overlap: 10.0, seed: 3 };
     assert!(CausticMap::shoot(&world, &settings, &mut counts).is_none());
     assert_eq!(counts.particle, 0);
+}
+
+/// A lamp before nothing, turned so that its edges run across pixels: a picture of it adds up to the pixels that it covers, whether rays
+/// that only look for emission join the samples or not; with three of them beside each sample its error is that of four times as many samples; and the
+/// variance told is that of a ray that meets the lamp or not.
+#[test]
+fn glances_see_the_lamp_as_samples_do_and_oftener() {
+    const SIDE: usize = 32;
+    let mut room = Room::new(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, SIDE);
+    let black = room.grey(0.0);
+    let (sin, cos) = 0.5_f64.sin_cos();
+    let (e1, e2) = (DVec3::new(cos, sin, 0.0) * 1.7, DVec3::new(-sin, cos, 0.0) * 1.3);
+    room.quad(-0.5 * (e1 + e2), e1, e2, black, 1.0);
+    let world = World::new(room.scene(), AccelKind::Obvhs).expect("builds");
+    let tracer = tracer(&world, SamplerKind::Independent);
+    let frame = Frame::whole(SIDE, SIDE);
+    let n = SIDE * SIDE;
+    let shot = |samples: u32, glances: u8| {
+        let (none, wanted, glances) = (vec![0; n], vec![samples; n], vec![glances; n]);
+        let plan = PassPlan { half: 0, taken: &none, wanted: &wanted, glanced: &none, glances: &glances };
+        let (found, counts) = tracer.planned_pass(&frame, plan);
+        let image: Vec<f64> = found.iter().map(|l| l.sample.radiance().g / f64::from(samples)).collect();
+        let variance: Vec<f64> = found.iter().map(|l| f64::from(l.variance) / f64::from(l.n.max(1))).collect();
+        (image, variance, counts.camera)
+    };
+    // The plane of the lamp is 4 wide in the picture.
+    let covered = 1.7 * 1.3 * (SIDE * SIDE) as f64 / 16.0;
+    let (exact, _, _) = shot(4096, 0);
+    let error = |image: &[f64]| image.iter().zip(&exact).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+    let (alone, _, camera) = shot(16, 0);
+    assert_eq!(camera, 16 * n as u64);
+    let (joined, variance, camera) = shot(16, 3);
+    assert_eq!(camera, 64 * n as u64);
+    for image in [&exact, &alone, &joined] {
+        let sum: f64 = image.iter().sum();
+        // About 110 pixels at the edges, each with a variance of at most 1/4 over 16 samples: a standard error of 1.
+        assert!((sum - covered).abs() < 4.0, "the lamp covers {covered} pixels, in the picture {sum}");
+    }
+    let gain = error(&alone) / error(&joined);
+    assert!((2.0..8.0).contains(&gain), "the squared error of 64 rays is that of 16 over {gain}, expected 4");
+    let told: f64 = variance.iter().sum();
+    let right: f64 = exact.iter().map(|c| c * (1.0 - c)).sum();
+    assert!((told / right - 1.0).abs() < 0.15, "variances of a ray add up to {told}, expected {right}");
 }

@@ -1,0 +1,96 @@
+//! Glances: camera rays that only look for emission.
+//!
+//! The edges of bright windows, lamps and their mirror images are most of the noise of a picture of an interior, and the cheapest part of it:
+//! a camera ray with its reflections costs a tenth of a sample that lights what it meets as well. So a sample may be joined by glances,
+//! which find what is emitted along other rays of the same pixel; emission is the mean over all of them, all else is the sample's alone.
+
+use super::whitted::{Path, Trace};
+use super::{Frame, PassPlan, TwoPass, by_rows, start_in_half};
+use crate::film::{PixelSample, Quantity};
+use crate::math::{Rgb, sampler::mix};
+use crate::world::Stages;
+use crate::world::walk::RayCounts;
+
+/// What a pass found in a pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Looked {
+    /// Its samples.
+    pub sample: PixelSample,
+    /// Variance of the emission that one ray finds, averaged over channels, summed over the samples that had glances.
+    pub variance: f32,
+    /// Number of samples that had glances.
+    pub n: u32,
+}
+
+impl<K: Stages> TwoPass<'_, K> {
+    /// A pass of as many samples a pixel as `plan` says, with its glances.
+    pub fn planned_pass(&self, frame: &Frame, plan: PassPlan<'_>) -> (Vec<Looked>, RayCounts) {
+        let nothing = Looked { sample: PixelSample::NONE, variance: 0.0, n: 0 };
+        by_rows(frame, nothing, |pixel, counts| {
+            let mut looked = nothing;
+            let glances = u32::from(plan.glances[pixel]);
+            for k in 0..plan.wanted[pixel] {
+                counts.camera += 1;
+                let start = start_in_half(self.world, &self.settings, frame, plan.half, plan.taken[pixel] + k, pixel);
+                let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
+                self.radiance(&start.ray, Path::START, &mut trace);
+                let Trace { mut sample, seen, .. } = trace;
+                let mut found = Spread::of(seen);
+                for glance in 0..glances {
+                    found.add(self.glance(frame, plan.half, plan.glanced[pixel] + k * glances + glance, pixel, counts));
+                }
+                *sample.layer(Quantity::Direct) += found.mean();
+                looked.sample.add(&sample);
+                looked.variance += found.variance() as f32;
+                looked.n += u32::from(glances > 0);
+            }
+            looked
+        })
+    }
+
+    /// Emission along a ray through the pixel and its reflections.
+    fn glance(&self, frame: &Frame, half: u32, index: u32, pixel: usize, counts: &mut RayCounts) -> Rgb {
+        // The rays of samples and glances are two sequences, independent of each other.
+        let settings = super::IntegratorSettings { seed: mix(self.settings.seed ^ 0x6c_a2ce), ..self.settings };
+        let start = start_in_half(self.world, &settings, frame, half, index, pixel);
+        counts.camera += 1;
+        // Samples alone tell what recursion leaves out.
+        let cut = (counts.truncated, counts.truncated_weight);
+        let mut trace = Trace::new(start.sampler, 0, start.index, counts);
+        trace.glances = true;
+        self.radiance(&start.ray, Path::START, &mut trace);
+        let seen = trace.seen;
+        (counts.truncated, counts.truncated_weight) = cut;
+        seen
+    }
+}
+
+/// Mean and variance of a few colours.
+struct Spread {
+    sum: Rgb,
+    squares: Rgb,
+    n: f64,
+}
+
+impl Spread {
+    fn of(value: Rgb) -> Self {
+        Self { sum: value, squares: value * value, n: 1.0 }
+    }
+
+    fn add(&mut self, value: Rgb) {
+        self.sum += value;
+        self.squares += value * value;
+        self.n += 1.0;
+    }
+
+    fn mean(&self) -> Rgb {
+        self.sum / self.n
+    }
+
+    /// Of one value, averaged over channels; 0 where there is only one.
+    fn variance(&self) -> f64 {
+        let mean = self.mean();
+        let spread = (self.squares - mean * mean * self.n).mean();
+        if self.n > 1.0 { spread.max(0.0) / (self.n - 1.0) } else { 0.0 }
+    }
+}
