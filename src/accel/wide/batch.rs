@@ -1,7 +1,6 @@
 //! Many rays at once: those of one class are bundled.
 
-use super::Wide;
-use super::packet;
+use super::{Operations, Wide, avx2, avx512, packet};
 use crate::accel::query::usable;
 use crate::accel::{Hit, Ray};
 use crate::geometry::triangle::ShearedRay;
@@ -46,12 +45,24 @@ fn sort_out(rays: &[Ray], mut bundled: impl FnMut(&[Ray], &[u32])) {
 pub fn nearest(wide: &Wide, rays: &[Ray], hits: &mut [Option<Hit>]) {
     assert_eq!(rays.len(), hits.len(), "one hit for each ray");
     hits.fill(None);
-    sort_out(rays, |rays, indices| packet::nearest(wide, rays, |i, hit| hits[indices[i] as usize] = hit));
+    sort_out(rays, |rays, indices| {
+        let mut keep = |i: usize, hit| hits[indices[i] as usize] = hit;
+        match wide.operations {
+            Operations::Avx512 => avx512::nearest_of(wide, rays, &mut keep),
+            _ => avx2::nearest_of(wide, rays, &mut keep),
+        }
+    });
 }
 
 /// Occlusion.
 pub fn any(wide: &Wide, rays: &[Ray], occluded: &mut [bool]) {
     assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
     occluded.fill(false);
-    sort_out(rays, |rays, indices| packet::any(wide, rays, |i, answer| occluded[indices[i] as usize] = answer));
+    sort_out(rays, |rays, indices| {
+        let mut keep = |i: usize, answer| occluded[indices[i] as usize] = answer;
+        match wide.operations {
+            Operations::Avx512 => avx512::any_of(wide, rays, &mut keep),
+            _ => avx2::any_of(wide, rays, &mut keep),
+        }
+    });
 }
