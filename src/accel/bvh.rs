@@ -54,7 +54,7 @@ impl BinaryNode {
 impl<'a> Draft<'a> {
     /// Builds the tree by clustering.
     ///
-    /// Parallel agglomerative clustering over 14 neighbours (6, together with a cut in two parts, made shadow rays in a tessellated box a third slower), then reinsertion of the 5 % largest nodes.
+    /// Parallel agglomerative clustering over 14 neighbours (6, together with a cut in two parts, made shadow rays in a tessellated box a third slower), then reinsertion of the largest nodes.
     /// obvhs' presets search only direct Morton neighbours in the first passes (`search_depth_threshold` above 0); on walls cut
     /// into equal squares all costs tie there and the bad merges stay: rays were ten times slower. Hence 0.
     pub fn build(soup: &'a Soup) -> Self {
@@ -166,7 +166,8 @@ impl Tree {
     }
 }
 
-/// From so many primitives on, clustering looks at 6 neighbours on each side instead of 14.
+/// From so many primitives on, clustering looks at 6 neighbours on each side instead of 14, and a twentieth of the nodes is inserted anew instead of a
+/// fifth: at 101,124 triangles of a tessellated box a fifth made shadow rays 13 % and rays between patches 20 % faster.
 const MANY: usize = 1 << 17;
 
 /// obvhs' builder with the safe parameters.
@@ -176,9 +177,9 @@ fn cluster(mut aabbs: Vec<Aabb>) -> Vec<Bvh2Node> {
     }
     loosen(&mut aabbs);
     let indices = (0..aabbs.len() as u32).collect();
-    let reach = if aabbs.len() < MANY { PlocSearchDistance::Medium } else { PlocSearchDistance::Low };
+    let (reach, moved) = if aabbs.len() < MANY { (PlocSearchDistance::Medium, 0.2) } else { (PlocSearchDistance::Low, 0.05) };
     let mut bvh: Bvh2 = PlocBuilder::with_capacity(aabbs.len()).build(reach, &aabbs, indices, SortPrecision::U64, 0);
-    ReinsertionOptimizer::default().run(&mut bvh, 0.05, None);
+    ReinsertionOptimizer::default().run(&mut bvh, moved, None);
     bvh.nodes
 }
 

@@ -138,16 +138,18 @@ pub fn offset_origin(point: Vec3, error: Vec3, normal: Vec3, direction: Vec3) ->
     let distance = normal.abs().dot(error);
     let offset = if direction.dot(normal) < 0.0 { -distance * normal } else { distance * normal };
     let moved = point + offset;
-    let round = |moved: f32, offset: f32| {
-        if offset > 0.0 {
-            moved.next_up()
-        } else if offset < 0.0 {
-            moved.next_down()
-        } else {
-            moved
-        }
-    };
-    Vec3::new(round(moved.x, offset.x), round(moved.y, offset.y), round(moved.z, offset.z))
+    Vec3::new(outward(moved.x, offset.x), outward(moved.y, offset.y), outward(moved.z, offset.z))
+}
+
+/// The next number after `x` in the direction of `offset`; `x` itself for an offset of zero.
+///
+/// As `next_up` and `next_down`, without branches: of two numbers with the same sign, the one with the higher bits is farther from zero.
+#[inline(always)]
+fn outward(x: f32, offset: f32) -> f32 {
+    let (bits, sign) = (x.to_bits(), offset.to_bits() & 0x8000_0000);
+    let step = if (bits ^ sign) >> 31 == 0 { 1 } else { u32::MAX };
+    let next = if x == 0.0 { sign | 1 } else { bits.wrapping_add(step) };
+    if offset == 0.0 || !x.is_finite() { x } else { f32::from_bits(next) }
 }
 
 #[cfg(test)]
@@ -162,6 +164,17 @@ mod tests {
             let o = offset_origin(p, error, n, d);
             assert!(sign * (o - p).dot(n) > 1e-6, "moved by {}", (o - p).dot(n));
         }
+    }
+
+    #[test]
+    fn a_step_outward_is_the_next_number_on_that_side() {
+        let values = [0.0, -0.0, 1.0, -1.0, 1e-45, -1e-45, f32::MIN_POSITIVE, -f32::MIN_POSITIVE, 16_777_216.0, -2.5, f32::MAX];
+        for x in values {
+            assert_eq!(outward(x, 1e-9).to_bits(), x.next_up().to_bits(), "up from {x}");
+            assert_eq!(outward(-x, -3.0).to_bits(), (-x).next_down().to_bits(), "down from {}", -x);
+            assert_eq!((outward(x, 0.0).to_bits(), outward(x, -0.0).to_bits()), (x.to_bits(), x.to_bits()));
+        }
+        assert!(outward(f32::NAN, 1.0).is_nan());
     }
 
     #[test]

@@ -49,6 +49,12 @@ impl ShearedRay {
     /// Prepares `ray`, whose direction must not be zero.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
+        Self::with_inverse(ray, ray.direction.recip())
+    }
+
+    /// The same, with one over each direction component.
+    #[inline(always)]
+    pub fn with_inverse(ray: &Ray, inverse: Vec3) -> Self {
         let d = ray.direction;
         let z = Self::main_axis(d);
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
@@ -56,12 +62,12 @@ impl ShearedRay {
         if d[z] < 0.0 {
             std::mem::swap(&mut x, &mut y);
         }
-        let inverse = 1.0 / d[z];
+        let inverse = inverse[z];
         Self { origin: ray.origin, axes: [x, y, z], shear: [d[x] * inverse, d[y] * inverse, inverse] }
     }
 
     /// Axis of the largest component of a direction.
-    #[inline]
+    #[inline(always)]
     pub fn main_axis(direction: Vec3) -> usize {
         let abs = direction.abs();
         if abs.x > abs.y && abs.x > abs.z {

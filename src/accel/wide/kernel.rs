@@ -4,13 +4,13 @@
 
 use std::mem::MaybeUninit;
 
-use super::layout::{Child, Node, Packet, WIDTH};
+use super::layout::{Child, LANES, Node, Packet, WIDTH};
 use super::{MAX_DEPTH, Wide};
 use crate::accel::query::{BOX_SLACK, Query, inclusive, is_better};
 use crate::geometry::Hit;
 use crate::geometry::soup::Primitive;
 
-/// Vector operations on one ray against eight boxes or four triangles.
+/// Vector operations on one ray against eight boxes or sixteen triangles.
 ///
 /// The f32 operations and their order are the same in all implementations; those of `meet` are those of [`Query::meet`].
 pub trait Lanes {
@@ -24,7 +24,7 @@ pub trait Lanes {
     fn enter(node: &Node, ray: &Self::Ray, limit: f32, distances: &mut Distances) -> u32;
 
     /// Bit `i` is set if the ray meets triangle `i` in (`t_min`, `limit`); where is written to `t`.
-    fn meet(packet: &Packet, query: &Query, ray: &Self::Ray, limit: f32, t: &mut [f32; 4]) -> u32;
+    fn meet(packet: &Packet, query: &Query, ray: &Self::Ray, limit: f32, t: &mut Parameters) -> u32;
 
     /// Asks for memory that will be read soon.
     fn prefetch(wide: &Wide, child: Child);
@@ -33,6 +33,10 @@ pub trait Lanes {
 /// Eight ray parameters.
 #[repr(align(32))]
 pub struct Distances(pub [f32; WIDTH]);
+
+/// A ray parameter for each triangle of a packet.
+#[repr(align(64))]
+pub struct Parameters(pub [f32; LANES]);
 
 /// What is put aside: a child and the t at which the ray enters it, in the upper half, so that keys sort by t (which is not
 /// negative).
@@ -172,6 +176,18 @@ fn descend<L: Lanes, const ANY: bool>(
         stack.push(far);
         return Some(near.child());
     };
+    if ANY {
+        stack.push(far);
+        let mut near = near;
+        let mut next = Some(third);
+        while let Some(key) = next {
+            let (nearer, farther) = if key < near { (key, near) } else { (near, key) };
+            stack.push(farther);
+            near = nearer;
+            next = take();
+        }
+        return Some(near.child());
+    }
     let floor = stack.height;
     stack.push(far);
     stack.push(near);
@@ -193,12 +209,12 @@ fn meet_leaf<L: Lanes, const ANY: bool>(
     best: &mut Option<Hit>,
 ) -> bool {
     for packet in &wide.packets[leaf.packets()] {
-        let mut t = [0.0; 4];
+        let mut t = Parameters([0.0; LANES]);
         let mut mask = L::meet(packet, query, ray, *limit, &mut t);
         while mask != 0 {
-            let lane = (mask.trailing_zeros() & 3) as usize;
+            let lane = (mask.trailing_zeros() & 15) as usize;
             mask &= mask - 1;
-            accept(Hit { t: t[lane], primitive: packet.primitives[lane] }, query, limit, best);
+            accept(Hit { t: t.0[lane], primitive: packet.primitives[lane] }, query, limit, best);
         }
         if leaf.has_spheres() {
             *best = meet_spheres(wide, query, packet, *best);
@@ -229,7 +245,7 @@ fn end_after(hit: Hit, query: &Query) -> f32 {
 /// Spheres are rare: one at a time, by the exact test.
 #[cold]
 fn meet_spheres(wide: &Wide, query: &Query, packet: &Packet, mut best: Option<Hit>) -> Option<Hit> {
-    for primitive in packet.primitives.into_iter().filter(|&p| p != Packet::NOTHING) {
+    for &primitive in packet.primitives() {
         let Primitive::Sphere(sphere) = wide.soup.primitive(primitive) else { continue };
         let t = sphere.intersect(&query.ray, query.ray.t_min, query.ray.t_max);
         best = t.map(|t| Hit { t, primitive }).filter(|&hit| is_better(hit, best)).or(best);
