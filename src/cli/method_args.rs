@@ -1,6 +1,6 @@
 //! Flags of single methods. A method that does not know a flag does not look at it.
 
-use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_reflections, parse_share, parse_whole};
+use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_positive, parse_reflections, parse_share, parse_whole};
 use twopass::integrator::PathFilter;
 use twopass::integrator::bidirectional::Heuristic;
 
@@ -34,6 +34,12 @@ pub struct MethodArgs {
     /// metropolis: probability of a large step; default: 0.1
     #[arg(long, value_name = "P", value_parser = parse_share, allow_hyphen_values = true, help_heading = "Single methods")]
     pub large_steps: Option<f64>,
+    /// metropolis: steps of all chains for each bidirectional sample; default: 1
+    #[arg(long, value_name = "N", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Single methods")]
+    pub chain_steps: Option<f64>,
+    /// metropolis: paths this many times as bright as the picture around are left to chains by half, brighter ones by more; default: 32
+    #[arg(long, value_name = "B", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Single methods")]
+    pub chain_brightness: Option<f64>,
     /// path: only light paths that match, such as LS+DE: L lamp, D diffuse or rough, S ideal mirror or glass, M a flat mirror, E eye
     #[arg(long, value_name = "REGEX", value_parser = PathFilter::new, allow_hyphen_values = true, help_heading = "Single methods")]
     pub paths: Option<PathFilter>,

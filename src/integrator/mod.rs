@@ -139,6 +139,8 @@ pub(crate) fn encode_state<T: Serialize>(state: &T) -> Vec<u8> {
 struct Start {
     /// Its ray.
     ray: Ray,
+    /// Its place on the whole film [pixels].
+    film_point: Vec2,
     /// Random numbers; the place on the film has been taken from it.
     sampler: Sampler,
     /// Seed of the half of the film that the pass belongs to.
@@ -165,7 +167,7 @@ fn start_in_half(world: &World, settings: &IntegratorSettings, frame: &Frame, ha
     let mut sampler = Sampler::of(settings.sampler, seed, key, index);
     let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
     let ray = world.scene().camera.ray(film_point, frame.width, frame.height);
-    Start { ray, sampler, seed, key, index }
+    Start { ray, film_point, sampler, seed, key, index }
 }
 
 /// Which samples a pass takes.

@@ -58,6 +58,7 @@ fn a_resumed_run_gives_the_same_bits() {
         ("photon-map", 32, [Signal::SIGKILL, Signal::SIGKILL]),
         ("sppm", 32, [Signal::SIGINT, Signal::SIGKILL]),
         ("irradiance-cache", 24, [Signal::SIGKILL, Signal::SIGINT]),
+        ("bidirectional", 32, [Signal::SIGKILL, Signal::SIGTERM]),
         ("metropolis", 24, [Signal::SIGTERM, Signal::SIGKILL]),
     ] {
         let place = Place::new();

@@ -12,6 +12,8 @@ fn bad_settings_of_methods_exit_with_2_and_say_what_was_expected() {
         ("--method metropolis --large-steps 0", "above 0"),
         ("--method metropolis --large-steps 1.5", "1 at most"),
         ("--method metropolis --large-steps nan", "above 0"),
+        ("--method metropolis --chain-steps 0", "above 0"),
+        ("--method metropolis --chain-brightness -1", "above 0"),
         ("--method bidirectional --heuristic best", "power"),
         ("--method irradiance-cache --ambient-bounces -1", "0 or more"),
         ("--method irradiance-cache --ambient-accuracy 0", "above 0"),

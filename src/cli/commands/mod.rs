@@ -72,6 +72,8 @@ fn method_settings(args: &MethodArgs) -> MethodSettings {
     ambient.divisions = args.ambient_divisions.unwrap_or(ambient.divisions);
     settings.metropolis.chains = args.chains.unwrap_or(settings.metropolis.chains);
     settings.metropolis.large_steps = args.large_steps.unwrap_or(settings.metropolis.large_steps);
+    settings.metropolis.steps = args.chain_steps.unwrap_or(settings.metropolis.steps);
+    settings.metropolis.even = args.chain_brightness.unwrap_or(settings.metropolis.even);
     settings.paths.clone_from(&args.paths);
     settings.heuristic = args.heuristic.unwrap_or(settings.heuristic);
     settings

@@ -211,6 +211,8 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set(run_report, "ambient_divisions", args.methods.ambient_divisions);
     report::set(run_report, "chains", args.methods.chains);
     report::set(run_report, "large_steps", args.methods.large_steps);
+    report::set(run_report, "chain_steps", args.methods.chain_steps);
+    report::set(run_report, "chain_brightness", args.methods.chain_brightness);
     report::set(run_report, "paths", args.methods.paths.as_ref().map(|p| p.text().to_owned()));
     report::set(run_report, "heuristic", args.methods.heuristic.map(|h| h.name()));
     report::set_pass_one(run_report, &args.pass_one);

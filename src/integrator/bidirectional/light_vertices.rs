@@ -8,6 +8,7 @@
 use super::subpath::Vertex;
 use crate::geometry::Bounds;
 use crate::math::{Vec3, sampler::mix};
+use serde::{Deserialize, Serialize};
 
 /// Cells along the longest side of the scene.
 const CELLS: u32 = 8;
@@ -19,7 +20,7 @@ const UNIFORM: f64 = 0.25;
 const PRIOR: f64 = 1.0;
 
 /// Cells of the scene's box.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Cells {
     low: Vec3,
     per_length: f32,
@@ -49,6 +50,7 @@ impl Cells {
 }
 
 /// What connections between cells have brought, the cell of the camera's vertex first.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Learnt {
     cells: Cells,
     /// Sum of what connections brought, per radiance of the camera's vertex.
@@ -65,6 +67,11 @@ impl Learnt {
         let cells = Cells::new(bounds);
         let pairs = cells.len() * cells.len();
         Self { cells, sum: vec![0.0; pairs], tried: vec![0; pairs] }
+    }
+
+    /// True if the other is of the same cells.
+    pub fn fits(&self, other: &Learnt) -> bool {
+        self.cells == other.cells && [other.sum.len(), other.tried.len()] == [self.sum.len(); 2]
     }
 
     /// Adds outcomes; their order is that of the rows, so that sums do not depend on threads.
