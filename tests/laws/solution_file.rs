@@ -142,8 +142,8 @@ fn a_lamp_weighted_anew_is_as_a_fresh_solution() {
     assert!(err.contains("--solution"), "{err}");
 }
 
-/// More lamps than a point looks at, one of them a checkerboard: still each has light of its own. Which lamps a point picks depends on their strengths, so that
-/// a fresh solution has other noise; a lamp without light is as one that is turned off, and twice all lamps are twice the light to the bit.
+/// More lamps than a point looks at, one of them a checkerboard: still each has light of its own. Twice all lamps are twice the light, and that of each by
+/// itself adds up to that of all.
 #[test]
 fn many_lamps_and_textured_ones_are_weighted_too() {
     let place = Place::new();
