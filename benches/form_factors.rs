@@ -1,34 +1,20 @@
 //! Form factors: time for a pair and error, without and with something in between.
 //!
-//! `cargo bench --bench form_factors` prints one table each; `-- reference` computes the reference of the obstructed scene, by the exact
-//! kernel times a million rays a pair, into the file named next, for one pair in a hundred.
+//! `cargo bench --bench form_factors` prints one table each; `-- obstructed` the second one alone.
 
-use std::fmt::Write as _;
-use std::path::Path;
-use twopass::accel::AccelKind;
-use twopass::form_factor::method::{FormFactorMethod, FormFactorSettings, analytic};
+use cube_in_cube::Cubes;
 use twopass::form_factor::polygon::Polygon;
-use twopass::form_factor::visibility::{point_of, segment};
-use twopass::geometry::tessellate;
-use twopass::material::{Material, MaterialId, Surface, Texture};
-use twopass::math::{DAffine3, DMat3, DVec2, DVec3, Rgb, Sampler};
-use twopass::patch::{PatchId, PatchMesh, PatchSettings};
-use twopass::progress::silent;
+use twopass::math::{DAffine3, DVec3};
 use twopass::run_report::process_cpu_seconds;
-use twopass::scene::camera::FovAxis;
-use twopass::scene::{Camera, FilmSettings, Scene, SceneSource, ShapeSource, SurfaceSource};
-use twopass::world::World;
+
+#[path = "../tests/laws/cube_in_cube.rs"]
+mod cube_in_cube;
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
-    match arguments.first().map(String::as_str) {
-        Some("reference") => reference(Path::new(arguments.get(1).map_or("cube_in_cube.csv", String::as_str))),
-        Some("obstructed") => obstructed(arguments.get(1).map(Path::new)),
-        _ => {
-            open_cube();
-            obstructed(None);
-        }
+    if std::env::args().all(|argument| argument != "obstructed") {
+        open_cube();
     }
+    obstructed();
 }
 
 /// A turn about no axis of the cube, and a shift.
@@ -133,184 +119,26 @@ fn lambert(p: &Polygon, q: &Polygon) -> f64 {
     sum / (n * n) as f64 * p.area()
 }
 
-/// A cube of half the size turned by nothing in a cube, as View3D's cases have it.
-fn cube_in_cube() -> (World, PatchMesh) {
-    let grey = Surface {
-        name: "grey".to_owned(),
-        material: Material::Diffuse { reflectance: Texture::Constant(Rgb::grey(0.5)) },
-        two_sided: false,
-        relief: None,
-    };
-    let mut shapes = Vec::new();
-    let mut add = |corner: DVec3, e1: DVec3, e2: DVec3| {
-        let place = DAffine3 {
-            matrix3: DMat3::from_cols(0.5 * e1, 0.5 * e2, e1.cross(e2).normalize()),
-            translation: corner + 0.5 * (e1 + e2),
-        };
-        shapes.push(ShapeSource {
-            id: format!("wall{}", shapes.len()),
-            surface: SurfaceSource::Triangles(tessellate::rectangle(&place)),
-            material: MaterialId(0),
-            emission: Texture::Constant(Rgb::BLACK),
-        });
-    };
-    for [c, e1, e2] in walls() {
-        add(c, e1, e2);
-        add(DVec3::splat(0.25) + 0.5 * c, 0.5 * e2, 0.5 * e1);
-    }
-    let camera = Camera {
-        to_scene: DAffine3::from_translation(DVec3::splat(0.1)),
-        fov: 1.0,
-        fov_axis: FovAxis::X,
-        principal_point: DVec2::ZERO,
-        near_clip: 1e-3,
-        far_clip: 10.0,
-    };
-    let film = FilmSettings { width: 4, height: 4, sample_count: 1, max_depth: None };
-    let source = SceneSource {
-        name: "cube in cube".to_owned(),
-        camera,
-        film,
-        shapes,
-        materials: vec![grey],
-        lights: Vec::new(),
-        environment: None,
-        warnings: Vec::new(),
-    };
-    let world = World::new(Scene::new(source).expect("a valid scene"), AccelKind::default()).expect("a world");
-    let settings = PatchSettings { patch_size: Some(0.1112), ..PatchSettings::default() };
-    let patches = PatchMesh::build(&world, &settings).expect("patches");
-    (world, patches)
-}
-
-/// Transfers by the exact kernel times a visible share by a million rays a pair; in f64 from points of the polygons.
-fn reference(path: &Path) {
-    let (world, patches) = cube_in_cube();
-    let polygons = polygons(&world, &patches);
-    let n = polygons.len();
-    let mut text = String::from("i,j,transfer,visible\n");
-    let rows: Vec<String> = {
-        use rayon::prelude::*;
-        (0..n)
-            .into_par_iter()
-            .map(|i| {
-                let mut lines = String::new();
-                for j in i + 1..n {
-                    let free = polygons[i].transfer(&polygons[j], 1e-10);
-                    if free > 0.0 && is_sampled(i, j) {
-                        let visible = visible(&world, &polygons[i], &polygons[j], (i * n + j) as u64);
-                        writeln!(lines, "{i},{j},{free:e},{visible}").expect("into memory");
-                    }
-                }
-                lines
-            })
-            .collect()
-    };
-    text.extend(rows);
-    std::fs::write(path, text).expect("writable");
-}
-
-/// One pair in a hundred, by a hash: a million rays for each of all would take hours.
-fn is_sampled(i: usize, j: usize) -> bool {
-    twopass::math::sampler::mix((i << 32 | j) as u64).is_multiple_of(100)
-}
-
-fn polygons(world: &World, patches: &PatchMesh) -> Vec<Polygon> {
-    let of = |i: usize| {
-        let corners = patches.polygons(world, PatchId(i as u32)).expect("flat");
-        Polygon::new(&corners[0]).expect("an area")
-    };
-    (0..patches.len()).map(of).collect()
-}
-
-/// Visible share of the kernel: 256 rays, and where they disagree a million in all.
-fn visible(world: &World, p: &Polygon, q: &Polygon, key: u64) -> f64 {
-    let (mut whole, mut seen) = (0.0, 0.0);
-    for k in 0..1_000_000_u64 {
-        let mut sampler = Sampler::new(77, key, k);
-        let (a, b) = (point_of(p, &mut sampler), point_of(q, &mut sampler));
-        let d = b - a;
-        let weight = (d.dot(p.normal()) * -d.dot(q.normal())).max(0.0) / d.length_squared().powi(2);
-        whole += weight;
-        if weight > 0.0 && !world.occluded(&segment(a, p.normal(), b, q.normal())) {
-            seen += weight;
-        }
-        if k == 4095 && (seen == 0.0 || seen == whole) {
-            break;
-        }
-    }
-    if whole > 0.0 { seen / whole } else { 0.0 }
-}
-
-/// Cube in cube by the analytic method at several tolerances, against the reference if there is one.
-fn obstructed(reference: Option<&Path>) {
-    let (world, patches) = cube_in_cube();
-    let n = patches.len();
-    println!("cube in cube, {n} patches");
+/// Cube in cube by the analytic method at several tolerances, against `tests/data/cube_in_cube/transfers.csv`.
+fn obstructed() {
+    let cubes = Cubes::new();
+    println!("cube in cube, {} patches", cubes.squares.len());
     println!(
         "tolerance   us/ordered pair   worst row sum   Frobenius   worst entry of the unobstructed, of the entry   largest F"
     );
-    let exact = reference.map(|path| read(path, n));
     for tolerance in [1e-2, 3e-3, 1e-3, 3e-4, 1e-4] {
-        let settings = FormFactorSettings {
-            method: FormFactorMethod::Analytic,
-            tolerance,
-            shadow_rays: 32.0,
-            extended: true,
-            virtual_rooms: None,
-            seed: 1,
-        };
         let start = process_cpu_seconds();
-        let rows = analytic(&world, &patches, &settings, &mut silent).expect("not stopped");
+        let rows = cubes.transfers(tolerance);
         let seconds = process_cpu_seconds() - start;
-        let pairs = 2 * rows.iter().map(Vec::len).sum::<usize>();
-        let (mut sums, mut largest, mut got) = (vec![0.0; n], 0.0_f64, vec![0.0; n * n]);
-        for (i, row) in rows.iter().enumerate() {
-            for (j, t) in row {
-                let j = *j as usize;
-                got[i * n + j] = t.value;
-                for (a, b) in [(i, t.value / patches.area[i]), (j, t.value / patches.area[j])] {
-                    sums[a] += b;
-                    largest = largest.max(b);
-                }
-            }
-        }
-        let row = sums.iter().map(|s| (s - 1.0).abs()).fold(0.0, f64::max);
-        print!("{tolerance:9.0e}   {:15.3}   {row:13.2e}", seconds * 1e6 / pairs as f64);
-        if let Some(exact) = &exact {
-            let (mut error, mut norm, mut of_free, mut of_entry) = (0.0, 0.0, 0.0_f64, 0.0_f64);
-            for i in 0..n {
-                for j in i + 1..n {
-                    let (free, visible) = exact[i * n + j];
-                    if free == 0.0 {
-                        continue;
-                    }
-                    let (want, got) = (free * visible, got[i * n + j]);
-                    for a in [patches.area[i], patches.area[j]] {
-                        error += ((got - want) / a).powi(2);
-                        norm += (want / a).powi(2);
-                    }
-                    if free > 0.0 {
-                        of_free = of_free.max((got - want).abs() / free);
-                    }
-                    if visible > 0.01 {
-                        of_entry = of_entry.max((got / want - 1.0).abs());
-                    }
-                }
-            }
-            print!("   {:9.2e}   {of_free:.2e}   {of_entry:.2e}", f64::sqrt(error / norm));
-        }
-        println!("   {largest:.4}");
+        let errors = cubes.errors(&rows);
+        println!(
+            "{tolerance:9.0e}   {:15.3}   {:13.2e}   {:9.2e}   {:.2e}   {:.2e}   {:.4}",
+            seconds * 1e6 / errors.pairs as f64,
+            errors.row_sum,
+            errors.frobenius,
+            errors.of_free,
+            errors.of_entry,
+            errors.largest
+        );
     }
-}
-
-/// (unobstructed transfer, visible share) by pair.
-fn read(path: &Path, n: usize) -> Vec<(f64, f64)> {
-    let mut all = vec![(0.0, 0.0); n * n];
-    for line in std::fs::read_to_string(path).expect("readable").lines().skip(1) {
-        let fields: Vec<&str> = line.split(',').collect();
-        let number = |k: usize| fields[k].parse::<f64>().expect("a number");
-        all[number(0) as usize * n + number(1) as usize] = (number(2), number(3));
-    }
-    all
 }

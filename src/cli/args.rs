@@ -149,6 +149,10 @@ pub struct PassOneArgs {
     /// Edge length of a patch in scene units; default: a few thousand patches in all
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
     pub patch_size: Option<f64>,
+    /// Cut patches in quarters where radiosity bends by more than T of its root mean square, as at the borders of shadows, and solve
+    /// again; best with form factors whose noise is below T
+    #[arg(long, value_name = "T", value_parser = parse_positive, allow_hyphen_values = true, help_heading = "Pass one")]
+    pub adaptive: Option<f64>,
     /// How form factors are computed: analytic (pair by pair), hemicube, ray-cast, hierarchical (links
     /// between groups of patches). Default: ray-cast; `solve` takes hierarchical for more than 3000 elements, unless a
     /// tolerance is given
@@ -405,6 +409,7 @@ impl PassOneArgs {
     pub fn given(&self) -> Vec<&'static str> {
         let flags = [
             ("--patch-size", self.patch_size.is_some()),
+            ("--adaptive", self.adaptive.is_some()),
             ("--tolerance", self.tolerance.is_some()),
             ("--solver-tolerance", self.solver_tolerance.is_some()),
             ("--form-factors", self.form_factors.is_some()),
@@ -458,6 +463,7 @@ mod tests {
             ("render a.xml --partial-every -1", "--partial-every", "above 0"),
             ("render a.xml --size -5x3", "--size", "WxH"),
             ("render a.xml --crop -1,2,3,4", "--crop", "X,Y,W,H"),
+            ("solve a.xml --adaptive 0", "--adaptive", "above 0"),
             ("info a.xml --patch-size -1", "--patch-size", "above 0"),
             ("solve a.xml --form-factors magic", "--form-factors", "expected one of analytic, hemicube, ray-cast"),
             ("probe a.xml --points p.csv --samples -4", "--samples", "1 or more"),

@@ -41,9 +41,12 @@ pub fn set(report: &mut RunReport, name: &str, value: impl Into<Value>) {
 pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
     set(report, "form_factors", args.form_factors.unwrap_or_default().name());
     set(report, "solver", args.solver.name());
-    for (name, value) in
-        [("patch_size", args.patch_size), ("tolerance", args.tolerance), ("solver_tolerance", args.solver_tolerance)]
-    {
+    for (name, value) in [
+        ("patch_size", args.patch_size),
+        ("adaptive", args.adaptive),
+        ("tolerance", args.tolerance),
+        ("solver_tolerance", args.solver_tolerance),
+    ] {
         set(report, name, value);
     }
 }

@@ -42,7 +42,8 @@ impl RayCastSettings {
 
     /// Rays of patch `i`, by its share.
     pub fn rays_of(&self, patches: &PatchMesh, i: usize) -> u32 {
-        ((f64::from(self.rays) * patches.share_of_rays(i)) as u32).next_power_of_two()
+        let share = (patches.area[i] / (patches.patch_size * patches.patch_size)).clamp(patches.least_share(), 1.0);
+        ((f64::from(self.rays) * share) as u32).next_power_of_two()
     }
 }
 

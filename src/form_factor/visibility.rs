@@ -20,6 +20,8 @@ const MOST_SHADOWS: usize = 16;
 const UNEVEN: f64 = 3.0;
 /// Quarters of quarters: how often the rule over a polygon may be refined.
 const DEEPEST: u32 = 6;
+/// Intervals a side of the grid on which shadows are looked for that no point of a rule has seen.
+const GRID: usize = 4;
 /// First and last number of rays for a pair.
 const RAYS: (u64, u64) = (16, 1 << 16);
 /// An exchange may be wrong by more than the tolerance where the form factor is below this, by the root of their ratio but no more than
@@ -234,9 +236,9 @@ impl Shadowed<'_> {
         if depth == 0 {
             return coarse;
         }
-        // Where all points agree that all or nothing is hidden, a shadow that is not seen yet enters over the border.
+        // Where all points agree that all or nothing is hidden, a shadow or a gap may lie between them.
         let agreed = coarse.hidden() <= 0.0 || coarse.seen <= 0.0;
-        if agreed && self.at_border(panel, coarse.hidden() <= 0.0) <= 2.0 * allowed {
+        if agreed && self.at_grid(panel, coarse.hidden() <= 0.0) <= 2.0 * allowed {
             return coarse;
         }
         let middle = |p: DVec3, q: DVec3| 0.5 * (p + q);
@@ -259,14 +261,21 @@ impl Shadowed<'_> {
         refined
     }
 
-    /// What the corners of a panel and the middles of its sides have hidden, or seen, beyond what its points have, which is nothing.
-    fn at_border(&mut self, panel: &[DVec3; 4], hidden: bool) -> f64 {
+    /// The most that points of a grid over a panel, its border included, have hidden, or seen, beyond what its Gauss points have, which is nothing;
+    /// for a quarter of the panel. Corners of shadows come in between the corners of a panel as well.
+    fn at_grid(&mut self, panel: &[DVec3; 4], hidden: bool) -> f64 {
         let [a, b, c, d] = *panel;
         let area = 0.5 * (c - a).cross(d - b).length();
         let mut most = 0.0_f64;
-        for x in [a, b, c, d, 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + d), 0.5 * (d + a)] {
+        for k in 0..(GRID + 1) * (GRID + 1) {
             // Just inside: a corner itself may lie on a blocker's edge.
-            let x = x + ((a + b + c + d) * 0.25 - x) * 1e-6;
+            let place = |i: usize| (i as f64 / GRID as f64 - 0.5) * (1.0 - 1e-6) + 0.5;
+            let (u, v) = (place(k % (GRID + 1)), place(k / (GRID + 1)));
+            let x = (a + (b - a) * u) * (1.0 - v) + (d + (c - d) * u) * v;
+            // Most see all of q, which is told without integrals.
+            if hidden && !self.cutter.may_hide(x, self.q, self.blockers) {
+                continue;
+            }
             let (whole, seen) = self.cutter.whole_and_visible(x, self.p.normal(), self.q, self.blockers);
             most = most.max(if hidden { whole - seen } else { seen });
         }

@@ -294,7 +294,11 @@ impl Method {
         let two_pass = |settings, residual| Box::new(TwoPass { residual, ..tracer(settings) });
         let whitted = |settings| two_pass(settings, None);
         match self {
-            Method::TwoPass | Method::TwoPassWhitted => whitted(settings),
+            Method::TwoPass | Method::TwoPassWhitted => {
+                let is_shown = matches!(settings.read_out, ReadOut::Stored | ReadOut::DirectStored);
+                let smooth = field.filter(|_| is_shown).map(|field| Arc::new(Interpolation::new(world, field)));
+                Box::new(TwoPass { smooth, ..tracer(settings) })
+            }
             Method::TwoPassUnbiased => two_pass(settings, Some(RESIDUAL)),
             Method::WhittedOnly => whitted(IntegratorSettings { read_out: ReadOut::DirectStored, ..settings }),
             Method::Radiosity => Box::new(radiosity_view::RadiosityView::new(world, field, settings)),

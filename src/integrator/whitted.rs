@@ -208,7 +208,13 @@ impl<K: Stages> TwoPass<'_, K> {
                 }
                 None => self.gather(si, shading, weight, depth, gather_rays, trace),
             },
-            (_, Some(field)) => *trace.sample.layer(Quantity::Indirect) += reflect(field.rest_irradiance(si)),
+            (_, Some(field)) => {
+                let rest = match &self.smooth {
+                    Some(smooth) => smooth.rest_irradiance(field, si),
+                    None => field.rest_irradiance(si),
+                };
+                *trace.sample.layer(Quantity::Indirect) += reflect(rest);
+            }
             (_, None) => {
                 *trace.sample.layer(Quantity::Indirect) += weight_rho * self.ambient;
                 if self.world.partition().leaves_some() {

@@ -14,6 +14,25 @@ pub enum Texture {
     Checkerboard(Box<Checkerboard>),
 }
 
+impl Texture {
+    /// The same with every value times `factor`, by channel.
+    pub fn scaled(&self, factor: Rgb) -> Texture {
+        match self {
+            Texture::Constant(value) => Texture::Constant(*value * factor),
+            Texture::Bitmap(bitmap) => {
+                let by = [factor.r, factor.g, factor.b];
+                let texel = |t: [f32; 3]| std::array::from_fn(|c| (f64::from(t[c]) * by[c]) as f32);
+                let texels: Vec<[f32; 3]> = bitmap.texels.iter().map(texel).collect();
+                Texture::Bitmap(Bitmap { texels: texels.into(), ..bitmap.clone() })
+            }
+            Texture::Checkerboard(board) => {
+                let colors = [0, 1].map(|k| board.colors[k].scaled(factor));
+                Texture::Checkerboard(Box::new(Checkerboard { colors, to_uv: board.to_uv }))
+            }
+        }
+    }
+}
+
 /// Squares of half a unit, in each of which one of two textures shows.
 #[derive(Debug, Clone)]
 pub struct Checkerboard {

@@ -9,6 +9,7 @@ pub mod cuts;
 mod measure;
 pub mod outline;
 mod raster;
+mod refine;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
@@ -17,6 +18,7 @@ use crate::scene::{Scene, Shape, ShapeSurface};
 use crate::world::{All, Stages, SurfaceInteraction, World};
 use cuts::Cutters;
 use raster::Raster;
+pub use refine::FINEST_LEVEL;
 use std::f64::consts::PI;
 use subdivide::{NO_PIECE, Sizes, SplitTree};
 
@@ -50,6 +52,8 @@ pub struct PatchSettings {
     /// room full of things costs a third then; what leaks through a wall by a tile that reaches under it goes with the next, finer patches.
     #[serde(skip)]
     pub rough: bool,
+    /// Elements are cut in quarters where the radiosity of a solution bends by more than this share of its mean; `None`: nowhere.
+    pub adaptive: Option<f64>,
 }
 
 /// Elements that the default patch size aims at. On the Cornell box a final gather over as many reached relMSE 8.7e-6 at 512 samples
@@ -61,7 +65,7 @@ const ROUGH_CUTS: f64 = 1000.0;
 
 impl Default for PatchSettings {
     fn default() -> Self {
-        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 4_000_000, rough: false }
+        Self { patch_size: None, elements: DEFAULT_ELEMENTS, max_patches: 4_000_000, rough: false, adaptive: None }
     }
 }
 
@@ -106,6 +110,8 @@ struct Element {
     pieces: std::ops::Range<u32>,
     front: Option<PatchId>,
     back: Option<PatchId>,
+    /// How often it was cut in quarters.
+    level: u8,
 }
 
 /// How a primitive finds its element.
@@ -167,25 +173,7 @@ impl PatchMesh {
         }
         let cut_as = if settings.rough { ROUGH_CUTS } else { DEFAULT_ELEMENTS };
         let sizes = Sizes { patch: patch_size, cut: patch_size.min((total / cut_as).sqrt()) };
-        let mut mesh = PatchMesh {
-            area: Vec::new(),
-            centroid: Vec::new(),
-            normal: Vec::new(),
-            rho: Vec::new(),
-            exitance: Vec::new(),
-            patch_size,
-            given_twice: 0.0,
-            rough: settings.rough,
-            element_of: Vec::new(),
-            side: Vec::new(),
-            elements: Vec::new(),
-            pieces: Vec::new(),
-            piece_share: Vec::new(),
-            lookups: vec![Lookup::None; world.soup().len()],
-            trees: Vec::new(),
-            tree_elements: Vec::new(),
-            raster: Raster::default(),
-        };
+        let mut mesh = PatchMesh { rough: settings.rough, ..PatchMesh::empty(patch_size, world.soup().len()) };
         // Anything may cut a large triangle; a small one is cut only by large ones, since two fine meshes that touch would make
         // as many patches as triangles.
         let cutters = [Cutters::new(world, 0.0), Cutters::new(world, 0.5 * sizes.cut)];
@@ -198,6 +186,29 @@ impl PatchMesh {
         mesh.measure(world);
         mesh.leave_out_covered(world);
         Ok(mesh)
+    }
+
+    /// No patches yet, on so many primitives.
+    fn empty(patch_size: f64, primitives: usize) -> Self {
+        PatchMesh {
+            area: Vec::new(),
+            centroid: Vec::new(),
+            normal: Vec::new(),
+            rho: Vec::new(),
+            exitance: Vec::new(),
+            patch_size,
+            given_twice: 0.0,
+            rough: false,
+            element_of: Vec::new(),
+            side: Vec::new(),
+            elements: Vec::new(),
+            pieces: Vec::new(),
+            piece_share: Vec::new(),
+            lookups: vec![Lookup::None; primitives],
+            trees: Vec::new(),
+            tree_elements: Vec::new(),
+            raster: Raster::default(),
+        }
     }
 
     /// Elements that [`Self::build`] will make, from areas alone: each is a patch on one side or on both, and cuts make more of them.
@@ -213,10 +224,9 @@ impl PatchMesh {
         self.area.len()
     }
 
-    /// Share of the rays of a patch of the full size that patch `i` gets.
-    pub fn share_of_rays(&self, i: usize) -> f64 {
-        let least = if self.rough { LEAST_SHARE_AT_FIRST } else { LEAST_SHARE };
-        (self.area[i] / (self.patch_size * self.patch_size)).clamp(least, 1.0)
+    /// Least share of the rays of a patch of the full size that any patch gets.
+    pub fn least_share(&self) -> f64 {
+        if self.rough { LEAST_SHARE_AT_FIRST } else { LEAST_SHARE }
     }
 
     /// True if nothing in the scene reflects diffusely or emits.
@@ -321,12 +331,7 @@ impl PatchMesh {
         let undivided = |i: &u32| matches!(self.lookups[*i as usize], Lookup::None);
         let whole: Vec<u32> = crossing.into_iter().filter(undivided).chain(tiny).collect();
         for group in cluster::group(world, &whole, self.patch_size) {
-            let whole = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-            let element =
-                self.add_element(group.iter().map(|&primitive| Piece::Triangle { primitive, corners: whole, inset: 1.0 }));
-            for primitive in group {
-                self.lookups[primitive as usize] = Lookup::Whole(element);
-            }
+            self.add_group(group, 0);
         }
     }
 
@@ -334,11 +339,7 @@ impl PatchMesh {
         let base = self.tree_elements.len() as u32;
         let margin = f64::from(world.bounds().diagonal()) * BORDER_MARGIN;
         for leaf in &tree.leaves {
-            let (polygon, inset) = subdivide::inset(leaf, world.soup().corners(primitive as usize), margin);
-            let fan = (1..polygon.len() - 1).map(|k| [polygon[0], polygon[k], polygon[k + 1]]);
-            let corners = |triangle: [subdivide::Point; 3]| triangle.map(|c| [c[0] as f32, c[1] as f32]);
-            let pieces = fan.map(|triangle| Piece::Triangle { primitive, corners: corners(triangle), inset: inset as f32 });
-            let element = self.add_element(pieces);
+            let element = self.add_polygon(world, primitive, leaf, 0, margin);
             self.tree_elements.push(element);
         }
         self.lookups[primitive as usize] = Lookup::Split { tree: self.trees.len() as u32 };
@@ -355,17 +356,10 @@ impl PatchMesh {
         let first = self.elements.len() as u32;
         for row in 0..rows {
             for column in 0..columns {
-                self.add_element(std::iter::once(Piece::SphereCell { primitive, row, column, rows, columns }));
+                self.add_element(std::iter::once(Piece::SphereCell { primitive, row, column, rows, columns }), 0);
             }
         }
         self.lookups[primitive as usize] = Lookup::Grid { first, rows, columns };
-    }
-
-    fn add_element(&mut self, pieces: impl Iterator<Item = Piece>) -> u32 {
-        let start = self.pieces.len() as u32;
-        self.pieces.extend(pieces);
-        self.elements.push(Element { pieces: start..self.pieces.len() as u32, front: None, back: None });
-        self.elements.len() as u32 - 1
     }
 
     /// The patch that a surface point belongs to, on the side it is seen from; `None` for surfaces without patches.

@@ -20,6 +20,9 @@ pub const NO_PIECE: u32 = u32::MAX;
 /// A piece thinner than this share of its triangle stays with its neighbour.
 const SLIVER: f64 = 1e-9;
 
+/// A part smaller than this share of the piece that is cut stays with it.
+const THINNEST_PART: f64 = 1e-3;
+
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Node {
     line: Line,
@@ -137,6 +140,63 @@ fn split(corners: [Vec3; 3], lines: &[cuts::Cut], patch_size: f64) -> SplitTree 
 }
 
 impl SplitTree {
+    /// The whole triangle as one leaf, and its polygon.
+    pub(super) fn whole() -> (Self, Polygon) {
+        (Self { nodes: Vec::new(), root: LEAF, leaves: Vec::new(), base: 0 }, vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    }
+
+    /// By leaf: the node above it and the side on which it hangs there; `None` where the leaf is all there is.
+    pub(super) fn parents(&self) -> Vec<Option<(u32, usize)>> {
+        let mut parents = Vec::new();
+        let mut put = |at: u32, parent| {
+            if at & LEAF != 0 {
+                let leaf = (at & !LEAF) as usize;
+                parents.resize(parents.len().max(leaf + 1), None);
+                parents[leaf] = parent;
+            }
+        };
+        put(self.root, None);
+        for (k, node) in self.nodes.iter().enumerate() {
+            (0..2).for_each(|side| put(node.children[side], Some((k as u32, side))));
+        }
+        parents
+    }
+
+    /// Cuts a leaf across the middle of what it spans in each direction of its triangle's grid (corners and patch size) in which it is longer
+    /// than `cell` [m]. The leaves that take its place, with their polygons; the first one keeps its index. `parents` is kept up to date.
+    pub(super) fn cut_leaf(
+        &mut self,
+        parents: &mut Vec<Option<(u32, usize)>>,
+        leaf: u32,
+        polygon: Polygon,
+        (corners, patch_size): ([Vec3; 3], f64),
+        cell: f64,
+    ) -> Vec<(u32, Polygon)> {
+        let grid = Grid::new(corners, patch_size);
+        let mut parts = vec![(leaf, polygon)];
+        for axis in 0..2 {
+            for k in 0..parts.len() {
+                let (leaf, polygon) = parts[k].clone();
+                let Some(line) = grid.across(&polygon, corners, axis, cell) else { continue };
+                let [below, above] = clip_both(&polygon, &line);
+                if area(&below).min(area(&above)) <= THINNEST_PART * area(&polygon) {
+                    continue;
+                }
+                let (node, new) = (self.push(line), parents.len() as u32);
+                self.nodes[node].children = [LEAF | leaf, LEAF | new];
+                match parents[leaf as usize] {
+                    Some((above, side)) => self.nodes[above as usize].children[side] = node as u32,
+                    None => self.root = node as u32,
+                }
+                parents[leaf as usize] = Some((node as u32, 0));
+                parents.push(Some((node as u32, 1)));
+                parts[k].1 = below;
+                parts.push((new, above));
+            }
+        }
+        parts
+    }
+
     fn push(&mut self, line: Line) -> usize {
         self.nodes.push(Node { line, children: [0; 2] });
         self.nodes.len() - 1
@@ -219,6 +279,25 @@ impl Grid {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         // A border that lies on a grid line up to rounding does not reach into the next cell.
         ((low + 1e-6).floor() as i64, (high - 1e-6).floor() as i64)
+    }
+
+    /// The line across the middle of what a polygon spans of `axis`; `None` if that is no longer than `cell` [m].
+    fn across(&self, polygon: &Polygon, corners: [Vec3; 3], axis: usize, cell: f64) -> Option<Line> {
+        let coordinate = self.coordinates[axis];
+        let values = polygon.iter().map(|p| coordinate.value(*p));
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        // A unit of the coordinate [m]: the edge that it runs along, over the number of its cells.
+        let [a, b, c] = corners.map(|c| c.as_dvec3());
+        let along = self.direction(axis);
+        let unit = ((b - a) * along[0] + (c - a) * along[1]).length();
+        ((high - low) * unit > 1.001 * cell).then_some(Line { c: coordinate.c - 0.5 * (low + high), ..coordinate })
+    }
+
+    /// The step in barycentric weights that changes coordinate `axis` by 1 and the other one not at all.
+    fn direction(&self, axis: usize) -> Point {
+        let (own, other) = (self.coordinates[axis], self.coordinates[1 - axis]);
+        let det = own.a * other.b - own.b * other.a;
+        [other.b / det, -other.a / det]
     }
 
     /// Grid line `k` of `axis`.

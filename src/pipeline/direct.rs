@@ -22,7 +22,7 @@ const NOISE: f64 = 0.02;
 /// ... but no more than this many.
 const MOST_POINTS: f64 = 256.0;
 
-/// Most lamps that are kept apart. Where there are more, all are one: which of them a point looks at is then drawn by their strengths.
+/// Most lamps that are kept apart: each has a solution of its own. Where there are more, all are one.
 const MOST_LAMPS: usize = 16;
 
 /// The direct light of one lamp, or of all together.
@@ -63,9 +63,9 @@ pub enum WeightError {
         /// Those that there are.
         known: String,
     },
-    /// Its strength differs from place to place.
-    #[error("the light \"{0}\" has a texture: only lights of one colour can be weighted")]
-    Textured(String),
+    /// It is the surroundings.
+    #[error("the light \"{0}\" is the surroundings, which are not kept by themselves")]
+    Surroundings(String),
     /// Its light cannot be told from that of others.
     #[error(
         "light that comes over mirrors, glass or gloss is kept for all lights together, so that single ones cannot be weighted in this scene"
@@ -93,27 +93,24 @@ pub fn weigh(scene: &mut Scene, groups: &[super::pass_one::LightGroup], weights:
         };
         match &mut scene.lights[light] {
             Light::Area(lamp) => {
-                let Texture::Constant(radiance) = lamp.radiance else {
-                    return Err(WeightError::Textured(weight.name.clone()));
-                };
-                let radiance = Texture::Constant(radiance * factor);
+                let radiance = lamp.radiance.scaled(factor);
                 scene.shapes[lamp.shape as usize].emission = radiance.clone();
                 *lamp = AreaLight::new(lamp.shape, radiance, lamp.emitter.clone());
             }
             Light::Point(lamp) => lamp.intensity *= factor,
             Light::Spot(lamp) => lamp.intensity *= factor,
             Light::Directional(lamp) => lamp.irradiance *= factor,
-            Light::Environment(_) => return Err(WeightError::Textured(weight.name.clone())),
+            Light::Environment(_) => return Err(WeightError::Surroundings(weight.name.clone())),
         }
     }
     Ok(())
 }
 
 /// The lamps that shadow rays find, with all that decides about the rays but their strengths: for the key of the direct light. The strengths
-/// are in it where they matter, as with many lamps, of which each point picks some.
+/// are in it where they matter, as with more lamps than a point looks at, of which it picks some by them.
 pub(super) fn lamps_of(scene: &Scene) -> Vec<String> {
     let partition = EmitterPartition::new(scene, LARGE_SHARE);
-    let apart = is_apart(&partition);
+    let apart = is_apart(&partition) && sees_all(&partition);
     let all = partition.shadow_lights().iter().chain(partition.distant_lights());
     all.map(|&light| match &scene.lights[light] {
         Light::Area(lamp) => match &lamp.radiance {
@@ -129,10 +126,14 @@ pub(super) fn lamps_of(scene: &Scene) -> Vec<String> {
     .collect()
 }
 
-/// True if every point looks at every lamp, so that each has light of its own.
+/// True if each lamp has light of its own.
 fn is_apart(partition: &EmitterPartition) -> bool {
-    let lamps = partition.shadow_lights().len();
-    lamps <= DirectSampling::OF_PATCHES.lights_per_point && lamps + partition.distant_lights().len() <= MOST_LAMPS
+    partition.shadow_lights().len() + partition.distant_lights().len() <= MOST_LAMPS
+}
+
+/// True if every point looks at every lamp: no ray depends on their strengths then.
+fn sees_all(partition: &EmitterPartition) -> bool {
+    partition.shadow_lights().len() <= DirectSampling::OF_PATCHES.lights_per_point
 }
 
 /// A light as a lamp.
@@ -165,18 +166,23 @@ fn lamps_apart(world: &World) -> Vec<usize> {
 struct Measured {
     /// By lamp: sums over the points.
     sums: Vec<Incident>,
-    /// By lamp: sums of squares of the irradiance, averaged over channels.
+    /// By lamp, or of all together: sums of squares of the irradiance, averaged over channels.
     squares: Vec<f64>,
     points: u64,
     counts: RayCounts,
 }
 
 impl Measured {
-    /// Variance of the mean by one lamp, as if the points were independent; 0 for too few points to tell.
-    fn noise(&self, lamp: usize) -> f64 {
-        let n = self.points as f64;
-        let mean = self.sums[lamp].irradiance.mean() / n;
-        if self.points > 1 { (self.squares[lamp] / n - mean * mean).max(0.0) / (n - 1.0) } else { 0.0 }
+    /// Mean irradiance by one lamp, or by all where their squares are together.
+    fn level(&self, part: usize) -> f64 {
+        let lamps = if self.squares.len() < self.sums.len() { &self.sums[..] } else { &self.sums[part..=part] };
+        lamps.iter().map(|sum| sum.irradiance.mean()).sum::<f64>() / self.points as f64
+    }
+
+    /// Variance of that, as if the points were independent; 0 for too few points to tell.
+    fn noise(&self, part: usize) -> f64 {
+        let (n, mean) = (self.points as f64, self.level(part));
+        if self.points > 1 { (self.squares[part] / n - mean * mean).max(0.0) / (n - 1.0) } else { 0.0 }
     }
 
     fn mean(&self, lamp: usize) -> Incident {
@@ -197,7 +203,9 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
     if apart {
         lights.iter().enumerate().for_each(|(lamp, &light)| lamp_of_light[light] = lamp);
     }
-    let measured = world.needs().choose(Measure { world, patches, gather_rays, seed, lamp_of_light, n_lamps });
+    // Where a point picks some of the lamps, how many points there are is decided by all: what few points find of a faint one is never known.
+    let n_parts = if sees_all(world.partition()) { n_lamps } else { 1 };
+    let measured = world.needs().choose(Measure { world, patches, gather_rays, seed, lamp_of_light, n_lamps, n_parts });
     measured.iter().for_each(|m| *counts += m.counts);
     let of_lamp = |lamp: usize| LampLight {
         lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
@@ -214,36 +222,39 @@ struct Measure<'a> {
     seed: u64,
     lamp_of_light: Vec<usize>,
     n_lamps: usize,
+    /// Parts of the light whose noise decides about more points: each lamp, or all.
+    n_parts: usize,
 }
 
 impl ByStages for Measure<'_> {
     type Output = Vec<Measured>;
 
     fn run<K: Stages>(self) -> Self::Output {
-        let Self { patches, n_lamps, .. } = self;
-        let share = |i: usize| (patches.area[i] / (patches.patch_size * patches.patch_size)).min(1.0);
+        let Self { patches, n_lamps, n_parts, .. } = self;
+        // Patches that were cut small because the light changes there are full ones of their size.
+        let share = |i: usize| (patches.area[i] / patches.cell_size(i).powi(2)).min(1.0);
         let mut measured: Vec<Measured> = (0..patches.len())
             .into_par_iter()
             .map(|i| {
                 let mut measured = Measured {
                     sums: vec![Incident::default(); n_lamps],
-                    squares: vec![0.0; n_lamps],
+                    squares: vec![0.0; n_parts],
                     points: 0,
                     counts: RayCounts::default(),
                 };
-                self.look::<K>(i, (DIRECT_POINTS * patches.share_of_rays(i)) as u64, &mut measured);
+                self.look::<K>(i, (DIRECT_POINTS * share(i).max(patches.least_share())) as u64, &mut measured);
                 measured
             })
             .collect();
         // Half shadows need more points than that. How many is decided lamp by lamp, whatever the strengths of the lamps.
         let total: f64 = patches.area.iter().sum();
-        let level = |lamp: usize| {
-            let square = |(m, area): (&Measured, &f64)| area * (m.sums[lamp].irradiance.mean() / m.points as f64).powi(2);
+        let level = |part: usize| {
+            let square = |(m, area): (&Measured, &f64)| area * m.level(part).powi(2);
             (measured.iter().zip(&patches.area).map(square).sum::<f64>() / total).sqrt()
         };
-        let levels: Vec<f64> = (0..n_lamps).map(level).collect();
+        let levels: Vec<f64> = (0..n_parts).map(level).collect();
         measured.par_iter_mut().enumerate().for_each(|(i, m)| {
-            let over = |(lamp, level): (usize, &f64)| share(i) * m.noise(lamp) / (NOISE * level).powi(2);
+            let over = |(part, level): (usize, &f64)| share(i) * m.noise(part) / (NOISE * level).powi(2);
             let wanted = levels.iter().enumerate().map(over).fold(0.0, f64::max);
             if wanted > 1.0 {
                 let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
@@ -257,7 +268,7 @@ impl ByStages for Measure<'_> {
 impl Measure<'_> {
     /// Looks from further points of patch `i`, up to `points` of them in all.
     fn look<K: Stages>(&self, i: usize, points: u64, into: &mut Measured) {
-        let Self { world, patches, gather_rays, seed, ref lamp_of_light, n_lamps } = *self;
+        let Self { world, patches, gather_rays, seed, ref lamp_of_light, n_lamps, n_parts } = *self;
         for k in into.points..points {
             let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), i as u64, k);
             let mut at = patches.sample_by::<K>(world, PatchId(i as u32), sampler.next_2d());
@@ -281,10 +292,12 @@ impl Measure<'_> {
                 found.irradiance += light_found.diffuse;
                 found.accepted += light_found.glossy;
             });
-            for ((sum, square), found) in into.sums.iter_mut().zip(&mut into.squares).zip(&found) {
+            for (sum, found) in into.sums.iter_mut().zip(&found) {
                 sum.irradiance += found.irradiance;
                 sum.accepted += found.accepted;
-                *square += found.irradiance.mean() * found.irradiance.mean();
+            }
+            for (square, lamps) in into.squares.iter_mut().zip(found.chunks(n_lamps / n_parts)) {
+                *square += lamps.iter().map(|found| found.irradiance.mean()).sum::<f64>().powi(2);
             }
         }
         into.points = into.points.max(points);
@@ -293,7 +306,7 @@ impl Measure<'_> {
 
 /// What was measured, for the strengths that the lamps have now; `None` if it does not say: of a lamp that was dark in some channel.
 pub(super) fn with_strengths_of(world: &World, mut kept: Vec<LampLight>) -> Option<Vec<LampLight>> {
-    if !is_apart(world.partition()) {
+    if !is_apart(world.partition()) || !sees_all(world.partition()) {
         return Some(kept);
     }
     let lights = lamps_apart(world);

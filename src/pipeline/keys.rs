@@ -1,7 +1,7 @@
 //! What each stage of pass one depends on, as hashes: a stage is done again if its key has changed, and those after it.
 //!
 //! The camera, the film and the names of things are in no key. Neither is the reflectance of a purely diffuse surface in those before the
-//! solution: it decides nothing about who sees whom.
+//! solution: it decides nothing about who sees whom, unless patches follow the light.
 
 use super::direct::lamps_of;
 use super::pass_one::PassOneSettings;
@@ -16,7 +16,7 @@ pub type Key = [u8; 32];
 /// Keys of the stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StageKeys {
-    /// The patches: shapes and patch settings.
+    /// The patches: shapes and patch settings; all that makes the light where patches follow it.
     pub patches: Key,
     /// Form factors: patches, method, tolerance, seed, what mirrors and glass do; all lights where rays meet them on the way.
     pub form_factors: Key,
@@ -27,7 +27,7 @@ pub struct StageKeys {
 }
 
 /// Grows when the computation of a stage changes, so that older files are stale.
-const GENERATION: u32 = 1;
+const GENERATION: u32 = 2;
 
 impl StageKeys {
     /// The keys of a scene with these settings.
@@ -47,6 +47,12 @@ impl StageKeys {
             let surface = scene.material_of(shape);
             let sides = (surface.two_sided, surface.material.has_diffuse(), surface.material.has_diffuse_below());
             digest.add(&(needs_patches(scene, shape), sides));
+        }
+        if settings.patches.adaptive.is_some() {
+            // Such patches follow the light: whatever changes it changes them.
+            digest.add(&(settings.form_factors, settings.form_factor_tolerance, seed, settings.solver, settings.by_light));
+            digest.lights(scene);
+            scene.shapes.iter().for_each(|shape| digest.add(scene.material_of(shape)));
         }
         let patches = digest.key();
 

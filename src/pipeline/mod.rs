@@ -1,5 +1,6 @@
 //! Geometry, form factors, solve, render: the stages of the two passes in order.
 
+mod adaptive;
 mod allocation;
 pub mod checkpoint;
 pub mod cost;

@@ -1,7 +1,7 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::direct::{self, DIRECT_POINTS, Lamp, LampLight, LampWeight};
-use super::{PipelineError, cost::StageCosts};
+use super::{PipelineError, adaptive, cost::StageCosts};
 use crate::form_factor::{FormFactorMethod, FormFactorSettings, FormFactors, OneChannel, Outside, Stored, memory, method};
 use crate::light::Light;
 use crate::math::{Rgb, sampler::mix};
@@ -251,6 +251,9 @@ pub fn solve_from(
     counts: &mut RayCounts,
     observer: &mut Observer<'_>,
 ) -> Result<PassOne, PipelineError> {
+    if let (Some(share), None) = (settings.patches.adaptive, &kept.patches) {
+        return adaptive::solve(world, (settings, seed), (share, kept.fresh), watch, counts, observer);
+    }
     let mut reused = Reused { patches: kept.patches.is_some(), ..Reused::default() };
     let how = settings.form_factor_settings(seed);
     if kept.form_factors.is_none() && kept.fresh.is_none() {

@@ -1,6 +1,6 @@
 //! Pass one in a file: patches, form factors, direct light and solution, each with the key of what it depends on.
 //!
-//! The format, version 2. Numbers are little-endian.
+//! The format, version 3. Numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -32,7 +32,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"TWOPASS\x1a";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const TAGS: [&[u8; 4]; 5] = [b"META", b"PTCH", b"FORM", b"LAMP", b"SOLN"];
 
 /// With what settings the file was made.

@@ -26,6 +26,16 @@ pub struct SurfacePoint {
 /// The irradiance at `n` points, drawn uniformly by area over all sides of surfaces that reflect diffusely. Fewer if there is no such
 /// surface. A mean over them is an area-weighted mean over the scene.
 pub fn irradiance(world: &World, field: &RadiosityField, n: u32) -> Vec<SurfacePoint> {
+    let at = |si: SurfaceInteraction| SurfacePoint {
+        point: world.scene().origin + si.point.as_dvec3(),
+        normal: si.ng.as_dvec3(),
+        irradiance: field.patches.patch_at(&si).map(|id| field.irradiance_of(id.0 as usize)),
+    };
+    points(world, n).into_iter().map(at).collect()
+}
+
+/// The points of [`irradiance`], in coordinates of the scene.
+pub fn points(world: &World, n: u32) -> Vec<SurfaceInteraction> {
     let areas = running_areas(world);
     let Some(&total) = areas.last().filter(|total| **total > 0.0) else { return Vec::new() };
     let drawn = (0..u64::from(n) * TRIES).filter_map(|index| {
@@ -34,11 +44,7 @@ pub fn irradiance(world: &World, field: &RadiosityField, n: u32) -> Vec<SurfaceP
         let target = f64::from(pick.x) * total;
         let primitive = areas.partition_point(|area| *area <= target).min(areas.len() - 1) as u32;
         let si = point_of(world, primitive, side, pick.y < 0.5);
-        if world.shading(&si).diffuse_reflectance().is_black() {
-            return None;
-        }
-        let irradiance = field.patches.patch_at(&si).map(|id| field.irradiance_of(id.0 as usize));
-        Some(SurfacePoint { point: world.scene().origin + si.point.as_dvec3(), normal: si.ng.as_dvec3(), irradiance })
+        (!world.shading(&si).diffuse_reflectance().is_black()).then_some(si)
     });
     drawn.take(n as usize).collect()
 }

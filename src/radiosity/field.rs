@@ -75,10 +75,13 @@ impl RadiosityField {
     /// Irradiance [W/m²] at a surface point by everything but the lamps that shadow rays find, as its diffuse part accepts it.
     #[inline]
     pub fn rest_irradiance(&self, si: &SurfaceInteraction) -> Rgb {
-        self.patches.patch_at(si).map_or(Rgb::BLACK, |id| {
-            let i = id.0 as usize;
-            self.accepted[i][1] + self.indirect_irradiance[i]
-        })
+        self.patches.patch_at(si).map_or(Rgb::BLACK, |id| self.rest_of(id.0 as usize))
+    }
+
+    /// The same of patch `i`.
+    #[inline]
+    pub fn rest_of(&self, i: usize) -> Rgb {
+        self.accepted[i][1] + self.indirect_irradiance[i]
     }
 
     /// What is stored for a surface point; zero where there is no patch.

@@ -3,7 +3,8 @@
 //! The classic way averages patches at the vertices that they share and interpolates linearly in each [Cohen85]. Patches that
 //! were cut and grouped share few vertices, so the same is done without a mesh: at each point a plane is fitted to the values of the
 //! patches around it (moving least squares, [Lancaster81]). Patches count only on the same shape, on the same side of a crease, and as far
-//! as nothing stands between them.
+//! as nothing stands between them. Each counts within a radius of its own size and its weight falls to nothing there, so that the function
+//! has no steps where patches of different sizes meet, whatever vertices they share.
 
 use super::RadiosityField;
 use crate::geometry::Ray;
@@ -12,8 +13,10 @@ use crate::world::{SurfaceInteraction, World};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Radius around a point in which patches count, in patch sizes: four to nine of them.
+/// Radius around its middle in which a patch counts, in its own size: four to nine of them do at a point.
 const RADIUS: f32 = 1.6;
+/// Edge of the cells in which neighbours are looked for, in patch sizes: no less than the reach of a patch into one of twice its size.
+const CELL: f32 = RADIUS + 1.5;
 /// Cosine of the sharpest bend that is no crease: 25 degrees.
 const CREASE: f32 = 0.9;
 /// Height above the surface at which two patches must see each other, in patch sizes.
@@ -24,61 +27,108 @@ const THINNEST: f64 = 1e-3;
 /// Which patches each patch shares its values with.
 pub struct Interpolation {
     neighbours: Vec<Vec<u32>>,
-    /// Radius in which patches count [m].
-    radius: f32,
+    /// Edge of the cell that each patch was cut from [m].
+    size: Vec<f32>,
 }
+
+/// Cells of patches of one size: their level, place and shape.
+type Cell = (u8, [i32; 3], usize);
 
 impl Interpolation {
     /// Finds neighbours: on the same shape, of about the same normal, in sight of each other.
     pub fn new(world: &World, field: &RadiosityField) -> Self {
         let patches = &field.patches;
-        let size = patches.patch_size as f32;
-        // A point lies at most a patch's diagonal from its middle.
-        let (radius, reach) = (RADIUS * size, (RADIUS + 0.75) * size);
-        let cell = |p: Vec3| (p / reach).floor().as_ivec3().to_array();
-        let mut cells: HashMap<([i32; 3], usize), Vec<u32>> = HashMap::new();
+        let size: Vec<f32> = (0..patches.len()).map(|i| patches.cell_size(i) as f32).collect();
+        let of_level = |level: u8| patches.patch_size as f32 / (1_u32 << level) as f32;
+        let cell = |p: Vec3, level: u8| (p / (CELL * of_level(level))).floor().as_ivec3().to_array();
+        let mut cells: HashMap<Cell, Vec<u32>> = HashMap::new();
         let shapes: Vec<usize> = patches.shapes(world);
         for (i, (centroid, shape)) in patches.centroid.iter().zip(&shapes).enumerate() {
-            cells.entry((cell(*centroid), *shape)).or_default().push(i as u32);
+            let level = patches.level(i);
+            cells.entry((level, cell(*centroid, level), *shape)).or_default().push(i as u32);
         }
-        let above = |i: usize| patches.centroid[i] + patches.normal[i] * (HEIGHT * size);
+        let above = |i: usize| patches.centroid[i] + patches.normal[i] * (HEIGHT * size[i]);
         let together = |i: usize, j: usize| {
+            // Patch j counts within its radius; a point lies at most a patch's diagonal from its middle.
+            let reach = RADIUS * size[j] + 0.75 * size[i];
             i == j
                 || (patches.centroid[i].distance_squared(patches.centroid[j]) < reach * reach
                     && patches.normal[i].dot(patches.normal[j]) > CREASE
                     && !world.occluded(&Ray::between(above(i), above(j))))
         };
         let of = |i: usize| {
-            let [x, y, z] = cell(patches.centroid[i]);
-            let offsets = (0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]);
-            let near = offsets.filter_map(|c| cells.get(&(c, shapes[i]))).flatten();
-            near.copied().filter(|&j| together(i, j as usize)).collect()
+            let mut near: Vec<u32> = Vec::new();
+            // Patches beside each other differ by one level: finer ones than that do not reach as far.
+            for level in 0..=patches.level(i) + 1 {
+                let [x, y, z] = cell(patches.centroid[i], level);
+                let offsets = (0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]);
+                let found = offsets.filter_map(|c| cells.get(&(level, c, shapes[i]))).flatten();
+                near.extend(found.filter(|&&j| together(i, j as usize)));
+            }
+            near
         };
-        Self { neighbours: (0..patches.len()).into_par_iter().map(of).collect(), radius }
+        let neighbours = (0..patches.len()).into_par_iter().map(of).collect();
+        Self { neighbours, size }
     }
 
     /// Irradiance [W/m²] at a surface point, as the diffuse part of its patch accepts it; zero where there is no patch.
     pub fn irradiance(&self, field: &RadiosityField, si: &SurfaceInteraction) -> Rgb {
+        self.at(field, si, |i| field.accepted_of(i))
+    }
+
+    /// The same by everything but the lamps that shadow rays find.
+    pub fn rest_irradiance(&self, field: &RadiosityField, si: &SurfaceInteraction) -> Rgb {
+        self.at(field, si, |i| field.rest_of(i))
+    }
+
+    fn at(&self, field: &RadiosityField, si: &SurfaceInteraction, value: impl Fn(usize) -> Rgb) -> Rgb {
         let Some(here) = field.patches.patch_at(si).map(|id| id.0 as usize) else { return Rgb::BLACK };
-        let frame = Frame::new(si.ng);
+        let sums = self.sums(field, (here, si.point, si.ng), &value, |_| true);
+        let Some(found) = sums.at_origin() else { return value(here) };
+        // A plane may overshoot beside a steep shadow; a mean never does.
+        let own = value(here);
+        let bound = |v: f64, own: f64, a: f64, b: f64| v.clamp(a.min(own), b.max(own));
+        let (low, high) = (sums.low, sums.high);
+        Rgb::new(bound(found.r, own.r, low.r, high.r), bound(found.g, own.g, low.g, high.g), bound(found.b, own.b, low.b, high.b))
+    }
+
+    /// By how much the irradiance of patch `i` differs from the plane through those around it [W/m²]; `None` where there are none. It is zero where
+    /// irradiance is linear, the size of the step where it has one, and falls with the square of the patch size where it bends.
+    pub fn bend(&self, field: &RadiosityField, i: usize) -> Option<Rgb> {
+        let (point, normal) = (field.patches.centroid[i], field.patches.normal[i]);
+        let sums = self.sums(field, (i, point, normal), &|j| field.accepted_of(j), |j| j != i);
+        Some((field.accepted_of(i) - sums.at_origin()?).map(f64::abs))
+    }
+
+    /// Patches that share values with patch `i`.
+    pub fn neighbours(&self, i: usize) -> &[u32] {
+        &self.neighbours[i]
+    }
+
+    /// What the neighbours of patch `here` that `counts` lets through say around a point with a normal.
+    fn sums(
+        &self,
+        field: &RadiosityField,
+        (here, point, normal): (usize, Vec3, Vec3),
+        value: &impl Fn(usize) -> Rgb,
+        counts: impl Fn(usize) -> bool,
+    ) -> Sums {
+        let frame = Frame::new(normal);
         let mut sums = Sums::default();
-        let (mut low, mut high) = (field.accepted_of(here), field.accepted_of(here));
-        for &j in &self.neighbours[here] {
-            let offset = frame.to_local(field.patches.centroid[j as usize] - si.point);
-            let x = 1.0 - offset.length_squared() / (self.radius * self.radius);
+        let unit = f64::from(self.size[here]);
+        for j in self.neighbours[here].iter().map(|&j| j as usize).filter(|&j| counts(j)) {
+            let offset = frame.to_local(field.patches.centroid[j] - point);
+            let size = self.size[j];
+            let x = 1.0 - offset.length_squared() / (RADIUS * RADIUS * size * size);
             if x <= 0.0 {
                 continue;
             }
-            let value = field.accepted_of(j as usize);
-            let by = |f: fn(f64, f64) -> f64, a: Rgb| Rgb::new(f(a.r, value.r), f(a.g, value.g), f(a.b, value.b));
-            (low, high) = (by(f64::min, low), by(f64::max, high));
-            let weight = f64::from(x * x) * field.patches.area[j as usize];
-            sums.add(weight, f64::from(offset.x) / f64::from(self.radius), f64::from(offset.y) / f64::from(self.radius), value);
+            // Slivers count by their share of their cell. Large patches reach in among small ones, which know more.
+            let cell = f64::from(size / self.size[here]);
+            let weight = f64::from(x * x) * field.patches.area[j] / (unit * unit * cell.powi(4));
+            sums.add(weight, f64::from(offset.x) / unit, f64::from(offset.y) / unit, value(j));
         }
-        let Some(found) = sums.at_origin() else { return field.accepted_of(here) };
-        // A plane may overshoot beside a steep shadow; a mean never does.
-        let bound = |v: f64, a: f64, b: f64| v.clamp(a, b);
-        Rgb::new(bound(found.r, low.r, high.r), bound(found.g, low.g, high.g), bound(found.b, low.b, high.b))
+        sums
     }
 }
 
@@ -94,10 +144,16 @@ struct Sums {
     v: Rgb,
     vx: Rgb,
     vy: Rgb,
+    /// Least and largest value by channel.
+    low: Rgb,
+    high: Rgb,
 }
 
 impl Sums {
     fn add(&mut self, w: f64, x: f64, y: f64, value: Rgb) {
+        let by = |f: fn(f64, f64) -> f64, a: Rgb| Rgb::new(f(a.r, value.r), f(a.g, value.g), f(a.b, value.b));
+        let first = self.w <= 0.0;
+        (self.low, self.high) = if first { (value, value) } else { (by(f64::min, self.low), by(f64::max, self.high)) };
         self.w += w;
         self.x += w * x;
         self.y += w * y;

@@ -2,6 +2,7 @@
 
 mod accel_conformance;
 mod accel_random;
+mod adaptive;
 mod architecture;
 mod bad_input;
 mod catalogue;
@@ -10,6 +11,7 @@ mod catalogue_images;
 mod catalogue_meshes;
 mod catalogue_values;
 mod cli;
+mod cube_in_cube;
 mod emitters;
 mod engines;
 mod experiment;

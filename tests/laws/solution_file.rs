@@ -142,6 +142,51 @@ fn a_lamp_weighted_anew_is_as_a_fresh_solution() {
     assert!(err.contains("--solution"), "{err}");
 }
 
+/// More lamps than a point looks at, one of them a checkerboard: still each has light of its own. Twice all lamps are twice the light, and that of each by
+/// itself adds up to that of all.
+#[test]
+fn many_lamps_and_textured_ones_are_weighted_too() {
+    let place = Place::new();
+    let lamp = |k: usize, radiance: &str| {
+        format!(
+            r#"<shape type="rectangle" id="lamp{k}">
+    <transform name="to_world"><scale value="0.1"/><rotate x="1" angle="180"/><translate x="{}" z="0.95"/></transform>
+    <ref id="grey"/><emitter type="area">{radiance}</emitter></shape>"#,
+            0.3 * k as f64 - 0.75
+        )
+    };
+    let board = r#"<texture type="checkerboard" name="radiance"><rgb name="color0" value="30, 3, 3"/><rgb name="color1" value="0, 3, 30"/></texture>"#;
+    let lamps: String =
+        (0..6).map(|k| lamp(k, if k == 2 { board } else { r#"<rgb name="radiance" value="5, 4, 3"/>"# })).collect();
+    let scene = plain().replace("</scene>", &(lamps + "</scene>"));
+    place.solve(&scene, QUICK);
+    let picture = |weights: &str| {
+        place.expect(
+            0,
+            &format!("render room.xml -q -o seen --solution room.sol {weights} --read-out stored --spp 1 --image-filter off"),
+        );
+        read_exr(&place.path("seen.exr")).expect("a picture").pixels().concat()
+    };
+    let names: Vec<String> =
+        ["left".to_owned(), "right".to_owned()].into_iter().chain((0..6).map(|k| format!("lamp{k}"))).collect();
+    let all = |scale: &str| names.iter().map(|name| format!("--light {name}={scale} ")).collect::<String>();
+    let (whole, twice) = (picture(""), picture(&all("2")));
+    for (a, b) in whole.iter().zip(&twice) {
+        assert!((2.0 * a - b).abs() <= 1e-5 * b.abs(), "{a} and twice as much {b}");
+    }
+    // The light of all is the sum of the light of each.
+    let mut sum = vec![0.0_f32; whole.len()];
+    for name in &names {
+        let alone = picture(&format!("{}--light {name}=1e6", all("1e-6")));
+        sum.iter_mut().zip(alone).for_each(|(sum, value)| *sum += value);
+    }
+    // Interpolation keeps within what patches around a point have, which is no linear law, but hardly ever at work.
+    let mean = |of: &[f32]| of.iter().map(|v| f64::from(*v)).sum::<f64>() / of.len() as f64;
+    let (together, one_by_one) = (mean(&whole), mean(&sum));
+    assert!((together / one_by_one - 1.0).abs() < 2e-3, "{together} of all, {one_by_one} one by one");
+    assert!(picture(&format!("{}--light lamp2=1e6", all("1e-6"))).iter().any(|v| *v > 1e-3), "the checkerboard shines");
+}
+
 #[test]
 fn files_that_are_stale_cut_off_damaged_or_foreign_are_refused_and_left_alone() {
     let place = Place::new();

@@ -34,6 +34,7 @@ pub fn list_methods() -> Result<(), Failure> {
 fn pass_one_settings(args: &PassOneArgs) -> PassOneSettings {
     let mut settings = PassOneSettings::default();
     settings.patches.patch_size = args.patch_size;
+    settings.patches.adaptive = args.adaptive;
     settings.form_factors = args.form_factors.unwrap_or_default();
     settings.form_factor_tolerance = args.tolerance.unwrap_or(settings.form_factors.default_tolerance());
     settings.solver.solver = args.solver;

@@ -70,6 +70,20 @@ impl ShadowCutter {
         (all, visible.min(all))
     }
 
+    /// False if none of `blockers` hides any of `q` from `x`.
+    pub fn may_hide(&self, x: DVec3, q: &Polygon, blockers: &[Polygon]) -> bool {
+        blockers.iter().any(|blocker| {
+            let facing = blocker.normal.dot(blocker.center - x);
+            let is_seen = facing.abs() > 1e-12 * blocker.radius && blocker.corners.len() <= MOST_EDGES;
+            let n = blocker.corners.len();
+            is_seen
+                && (0..n).all(|i| {
+                    let side = (blocker.corners[(i + n - 1) % n] - x).cross(blocker.corners[i] - x) * facing.signum();
+                    q.corners.iter().any(|c| side.dot(*c - x) > 0.0)
+                })
+        })
+    }
+
     /// Takes the shadow of one blocker out of all pieces; false if it falls on none.
     fn cut(&mut self, x: DVec3, blocker: &Polygon, sign: f64) -> bool {
         let count = blocker.corners.len();
