@@ -101,7 +101,7 @@ struct State {
 pub(super) struct Progressive<'a, K: Stages> {
     world: &'a World,
     settings: IntegratorSettings,
-    /// `None` where nothing is diffuse: then there is nothing to gather for either, and all that rounds decide is where samples go.
+    /// `None` where nothing is diffuse or nobody reads it: then all that rounds decide is where samples go.
     pass_one: Option<PassOne>,
     pass_one_settings: PassOneSettings,
     /// True if the user did not say how fine pass one is to be.
@@ -146,7 +146,7 @@ fn refines(asked: &PassOneSettings) -> bool {
 }
 
 impl<'a, K: Stages> Progressive<'a, K> {
-    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`, or from none where nothing is diffuse.
+    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`, or from none where nobody reads it.
     pub fn new(
         world: &'a World,
         render: &RenderSettings,
@@ -157,7 +157,6 @@ impl<'a, K: Stages> Progressive<'a, K> {
         Self {
             world,
             settings: IntegratorSettings {
-                read_out: ReadOut::FinalGather,
                 direct: if render.image_filter { DirectSampling::FILTERED } else { settings.direct },
                 ..settings
             },
@@ -320,7 +319,9 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
         }
         let half = (index % 2) as usize;
         let mut counts = RayCounts::default();
-        if self.pass_one.is_some() && self.caches[half].is_none() {
+        // Where nothing is gathered patches are read as they are.
+        let gathers = self.settings.read_out == ReadOut::FinalGather;
+        if gathers && self.pass_one.is_some() && self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
             self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
             let before = counts.gather;
@@ -393,7 +394,8 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
     }
 }
 
-/// Rays of all kinds.
+/// Rays of all kinds, without those that cannot count in the picture: whether they are cast must decide nothing.
 fn rays(counts: &RayCounts) -> u64 {
-    counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
+    let all = counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor;
+    all + counts.reflected + counts.transmitted - counts.idle
 }
