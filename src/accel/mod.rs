@@ -19,6 +19,9 @@ mod embree_sys;
 mod pages;
 mod query;
 mod wide;
+mod widest;
+
+pub use widest::{Work, widest};
 
 use std::fmt;
 use std::str::FromStr;

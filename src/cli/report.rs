@@ -71,6 +71,7 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
         ("light_choices", counts.light_choices),
         ("gather_rays", counts.gather),
         ("form_factor_rays", counts.form_factor),
+        ("idle_rays", counts.idle),
         ("reflected_rays", counts.reflected),
         ("transmitted_rays", counts.transmitted),
         ("truncated_rays", counts.truncated),

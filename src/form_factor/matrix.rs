@@ -126,7 +126,8 @@ impl FormFactorMatrix {
     ///
     /// Each pair is averaged with weights inverse to the variances of its two estimates, A_i S_ij / `rays`_i. The scaling is a symmetric Sinkhorn iteration D S D: averaging alone would destroy closure, which
     /// a bright room amplifies by 1/(1 - rho). A last step brings every row to its sum exactly.
-    pub fn symmetrise(&mut self, area: &[f64], rays: &[f64]) {
+    /// Rows that cannot count (`is_idle`) are scaled like the others, and do not say when it is enough.
+    pub fn symmetrise(&mut self, area: &[f64], rays: &[f64], is_idle: impl Fn(usize) -> bool + Sync) {
         let weight_of: Vec<f64> = rays.iter().zip(area).map(|(n, a)| n / a).collect();
         let target: Vec<f64> = (0..self.len()).map(|i| self.direct_sum(i)).collect();
         let transposed = self.transposed();
@@ -150,7 +151,7 @@ impl FormFactorMatrix {
             rows.push(row);
         }
         self.closure.reciprocity_defect = if weight > 0.0 { (defect / weight).sqrt() } else { 0.0 };
-        let scale = sinkhorn(&rows, &target, area, 60, 1e-7);
+        let scale = sinkhorn(&rows, &target, area, (60, 1e-7), is_idle);
         let (mut start, mut column, mut factor) = (vec![0], Vec::new(), Vec::new());
         let mut worst: f64 = 0.0;
         for (i, row) in rows.iter().enumerate() {
@@ -188,7 +189,7 @@ impl FormFactorMatrix {
         let area: Vec<f64> = area.iter().map(|a| a / unit).collect();
         let own = |i: usize| rows[i].iter().map(|e| e.1).sum::<f64>() / area[i];
         let target: Vec<f64> = (0..n).map(|i| target[i].unwrap_or_else(|| own(i))).collect();
-        let scale = sinkhorn(&rows, &target, &area, 400, 1e-13);
+        let scale = sinkhorn(&rows, &target, &area, (400, 1e-13), |_| false);
         (self.start, self.column, self.factor) = (vec![0], Vec::new(), Vec::new());
         let total = rows.iter().map(Vec::len).sum();
         self.column.reserve_exact(total);
@@ -270,7 +271,13 @@ impl FormFactors for FormFactorMatrix {
 
 /// Factors d so that sum_j d_i S_ij d_j = A_i target_i, by a damped fixed point. They stay within [1/2, 2]: an open scene need not
 /// have an exact solution, and a row of few hits must not be blown up.
-fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64], sweeps: u32, close_enough: f64) -> Vec<f64> {
+fn sinkhorn(
+    rows: &[Vec<(u32, f64)>],
+    target: &[f64],
+    area: &[f64],
+    (sweeps, close_enough): (u32, f64),
+    is_idle: impl Fn(usize) -> bool + Sync,
+) -> Vec<f64> {
     let mut d = vec![1.0; rows.len()];
     for _ in 0..sweeps {
         let ratio = |(i, row): (usize, &Vec<(u32, f64)>)| {
@@ -279,7 +286,8 @@ fn sinkhorn(rows: &[Vec<(u32, f64)>], target: &[f64], area: &[f64], sweeps: u32,
         };
         let ratios: Vec<f64> = rows.par_iter().enumerate().with_min_len(64).map(ratio).collect();
         d.iter_mut().zip(&ratios).for_each(|(d, ratio)| *d = (*d * ratio.sqrt()).clamp(0.5, 2.0));
-        let worst = ratios.iter().map(|ratio| (ratio - 1.0).abs()).fold(0.0, f64::max);
+        let off = |(i, ratio): (usize, &f64)| if is_idle(i) { 0.0 } else { (ratio - 1.0).abs() };
+        let worst = ratios.iter().enumerate().map(off).fold(0.0, f64::max);
         if worst < close_enough {
             break;
         }
@@ -298,7 +306,7 @@ mod tests {
         let rows = [vec![(1, 0.375), (2, 0.625)], vec![(0, 0.25), (2, 0.75)], vec![(0, 0.125), (1, 0.375), (2, 0.5)]];
         let rows = rows.map(|direct| Row { direct, ..Row::default() });
         let mut m = FormFactorMatrix::from_rows(rows.to_vec());
-        m.symmetrise(&area, &[256.0; 3]);
+        m.symmetrise(&area, &[256.0; 3], |_| false);
         assert!(m.closure.reciprocity_defect > 0.01, "the noise was not seen: {}", m.closure.reciprocity_defect);
         for i in 0..3 {
             assert!((m.direct_sum(i) - 1.0).abs() < 1e-7, "row {i} sums to {}", m.direct_sum(i));

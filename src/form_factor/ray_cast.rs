@@ -5,7 +5,8 @@
 
 use super::matrix::{FormFactorMatrix, Row};
 use super::outside::{Outside, OutsideRow};
-use crate::math::{Frame, Rgb, Sampler, warp};
+use crate::math::sampler::Series;
+use crate::math::{Frame, Rgb, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::progress::{Observer, Progress, Stage};
 use crate::world::sight::{Origin, cosine_density};
@@ -71,15 +72,17 @@ pub fn cast(
         }
     }
     let mut matrix = FormFactorMatrix::from_rows(rows);
-    let sums =
-        (0..n).map(|i| matrix.direct_sum(i) + matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>() + outside.escaped(i).max());
+    // Rows that cannot count are as good as they are.
+    let counting = || (0..n).filter(|i| !patches.is_idle(*i));
+    let sums = counting()
+        .map(|i| matrix.direct_sum(i) + matrix.specular(i).map(|(_, f)| f.max()).sum::<f64>() + outside.escaped(i).max());
     let (low, high) = sums.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(s), h.max(s)));
-    if n > 0 {
+    if counting().next().is_some() {
         (matrix.closure.row_sum_min, matrix.closure.row_sum_max) = (low, high);
-        matrix.closure.escaped_max = (0..n).map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
+        matrix.closure.escaped_max = counting().map(|i| outside.escaped(i).max()).fold(0.0, f64::max);
     }
     let rays: Vec<f64> = (0..n).map(|i| f64::from(settings.rays_of(patches, i))).collect();
-    matrix.symmetrise(&patches.area, &rays);
+    matrix.symmetrise(&patches.area, &rays, |i| patches.is_idle(i));
     Some((matrix, outside))
 }
 
@@ -96,7 +99,18 @@ impl ByStages for CastRows<'_> {
 
     fn run<K: Stages>(self) -> Self::Output {
         let Self { world, patches, settings, batch } = self;
-        batch.into_par_iter().map(|i| cast_row::<K>(world, patches, PatchId(i as u32), settings)).collect()
+        let row = |i: usize| {
+            if !patches.is_idle(i) {
+                return cast_row::<K>(world, patches, PatchId(i as u32), settings);
+            }
+            if world.leaves_idle() {
+                return Default::default();
+            }
+            let (row, outside, mut counts) = cast_row::<K>(world, patches, PatchId(i as u32), settings);
+            counts.idle += counts.form_factor;
+            (row, outside, counts)
+        };
+        batch.into_par_iter().map(row).collect()
     }
 }
 
@@ -119,8 +133,9 @@ fn cast_row<K: Stages>(
     let (mut arriving, mut accepted) = (Rgb::BLACK, Rgb::BLACK);
     let (mut passed_on, mut passed_out, mut arriving_again) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
     let rays = settings.rays_of(patches, id.0 as usize);
+    let series = Series::new(settings.seed, u64::from(id.0));
     for k in 0..rays {
-        let mut sampler = Sampler::new(settings.seed, u64::from(id.0), u64::from(k));
+        let mut sampler = series.sampler(u64::from(k));
         let from = patches.sample_by::<K>(world, id, sampler.next_2d());
         let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(sampler.next_2d()));
         counts.form_factor += 1;

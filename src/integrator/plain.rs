@@ -76,7 +76,7 @@ impl<K: Stages> TwoPass<'_, K> {
     }
 
     /// Radiance along one gather ray: as by [`super::final_gather`].
-    #[inline]
+    #[inline(always)]
     pub(super) fn plain_gathered(
         &self,
         (ray, outlook): (&Ray, &Option<Outlook>),

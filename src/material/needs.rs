@@ -1,6 +1,7 @@
 //! What a material can ever ask for, by bounds over all places and directions: nothing here is sampled.
 
 use super::{Material, Surface, Texture};
+use crate::math::Rgb;
 
 impl Material {
     /// True if all that it reflects is reflected diffusely, and nothing goes through. Coated and layered families never are.
@@ -31,6 +32,15 @@ impl Material {
         }
     }
 
+    /// Bounds on its reflectance from below and above, if all that it reflects is reflected diffusely.
+    pub fn diffuse_bounds(&self) -> Option<[Rgb; 2]> {
+        match self {
+            Material::Diffuse { reflectance } => Some(reflectance.bounds()),
+            Material::TwoSided(inner) => inner.diffuse_bounds(),
+            other => Some([Rgb::BLACK, Rgb::grey(other.diffuse_bound()?)]),
+        }
+    }
+
     /// Bound on its reflectance in any channel, if all that it reflects is reflected diffusely.
     pub fn diffuse_bound(&self) -> Option<f64> {
         match self {
@@ -50,6 +60,16 @@ impl Material {
             _ => true,
         };
         index_is_grey && self.textures().is_some_and(|textures| textures.into_iter().all(Texture::is_grey))
+    }
+}
+
+impl Texture {
+    /// Bounds on its values from below and above.
+    pub fn bounds(&self) -> [Rgb; 2] {
+        match self {
+            Texture::Constant(value) => [*value; 2],
+            other => [Rgb::BLACK, other.max()],
+        }
     }
 }
 

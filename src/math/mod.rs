@@ -2,6 +2,7 @@
 
 pub mod rgb;
 pub mod sampler;
+mod series;
 pub mod warp;
 
 pub use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3, Vec3A, Vec4};

@@ -4,6 +4,7 @@
 //! border the scrambling seed is hashed anew, so that an independent scrambling of the same sequence goes on. [`SamplerKind::Independent`] is for comparisons with renderers that sample so.
 
 use super::Vec2;
+use super::series::Scramble;
 use std::sync::Arc;
 
 const SAMPLES: u32 = 1 << 16;
@@ -171,7 +172,7 @@ impl Sampler {
         if self.block != 0 || round != 0 {
             seed = mix(u64::from(seed) | (u64::from(self.block) << 32) ^ (u64::from(round) << 52)) as u32;
         }
-        self.ready = sobol_burley::sample_4d(self.index, self.set % SETS, seed);
+        self.ready = Scramble::new(seed, self.set % SETS).sample(self.index);
         self.set += 1;
     }
 
@@ -185,6 +186,43 @@ impl Sampler {
         };
         let ([a, b], [c, d]) = (two(), two());
         [a, b, c, d]
+    }
+}
+
+/// The samples of one item: as [`Sampler::new`] gives them, one by one.
+#[derive(Debug, Clone, Copy)]
+pub struct Series {
+    key: [u64; 2],
+    seed: u32,
+    first: Scramble,
+}
+
+impl Series {
+    /// Of item `key` under `seed`.
+    #[inline]
+    pub fn new(seed: u64, key: u64) -> Self {
+        let Sampler { seed: mixed, .. } = Sampler::new(seed, key, 0);
+        Self { key: [seed, key], seed: mixed, first: Scramble::new(mixed, 0) }
+    }
+
+    /// The stream of sample `index`.
+    #[inline]
+    pub fn sampler(&self, index: u64) -> Sampler {
+        if index >= u64::from(SAMPLES) {
+            return Sampler::new(self.key[0], self.key[1], index);
+        }
+        let index = index as u32;
+        Sampler {
+            kind: SamplerKind::Sobol,
+            state: 0,
+            seed: self.seed,
+            index,
+            block: 0,
+            set: 1,
+            ready: self.first.sample(index),
+            used: 0,
+            proposal: None,
+        }
     }
 }
 
@@ -239,6 +277,17 @@ mod tests {
             correlation += (first - 0.5) * (past - 0.5);
         }
         assert!((correlation / 1024.0 / (1.0 / 12.0)).abs() < 0.1, "dimension 256 follows dimension 0: {correlation}");
+    }
+
+    #[test]
+    fn a_series_gives_the_streams_of_its_samples() {
+        let series = Series::new(7, 3);
+        for index in [0, 1, 255, 65_535, 65_536, 1 << 40] {
+            let (mut one, mut other) = (series.sampler(index), Sampler::new(7, 3, index));
+            for _ in 0..300 {
+                assert_eq!((one.next_1d(), one.next_2d()), (other.next_1d(), other.next_2d()), "sample {index}");
+            }
+        }
     }
 
     #[test]

@@ -156,6 +156,9 @@ pub struct PatchMesh {
     /// A shorter way to the same, if it was asked for.
     #[serde(skip)]
     raster: Raster,
+    /// Patches whose light cannot count in the picture; empty: none.
+    #[serde(skip)]
+    idle: Vec<bool>,
 }
 
 impl PatchMesh {
@@ -208,6 +211,7 @@ impl PatchMesh {
             trees: Vec::new(),
             tree_elements: Vec::new(),
             raster: Raster::default(),
+            idle: Vec::new(),
         }
     }
 
@@ -249,6 +253,26 @@ impl PatchMesh {
         match self.pieces[first] {
             Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.shape_index(primitive),
         }
+    }
+
+    /// Notes which patches lie on sides of triangles whose light cannot count in the picture, as a plan has told the world.
+    pub fn mark_idle(&mut self, world: &World) {
+        if !world.has_idle() {
+            return;
+        }
+        let is_idle = |(&element, &front): (&u32, &bool)| {
+            let pieces = self.elements[element as usize].pieces.clone();
+            self.pieces[pieces.start as usize..pieces.end as usize].iter().all(|piece| match *piece {
+                Piece::Triangle { primitive, .. } | Piece::SphereCell { primitive, .. } => world.is_idle(primitive, front),
+            })
+        };
+        self.idle = self.element_of.iter().zip(&self.side).map(is_idle).collect();
+    }
+
+    /// True if the light of patch `i` cannot count in the picture.
+    #[inline]
+    pub fn is_idle(&self, i: usize) -> bool {
+        self.idle.get(i).is_some_and(|idle| *idle)
     }
 
     /// The shape that patch `id` belongs to, and whether it is for its front.

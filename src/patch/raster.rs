@@ -77,7 +77,7 @@ impl PatchMesh {
     }
 
     /// The patch of a flat primitive at barycentric weights, on its front or back: as [`Self::patch_at`], after [`Self::lay_out`].
-    #[inline]
+    #[inline(always)]
     pub fn patch_on_flat(&self, primitive: u32, place: (f64, f64), front: bool) -> Option<PatchId> {
         let Some(cells) = self.raster.grids.get(primitive as usize) else { return self.patch_of(primitive, place, front) };
         let coordinate = |axis: usize| {

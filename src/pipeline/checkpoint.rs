@@ -1,6 +1,6 @@
 //! The state of an unfinished render in a file, from which another process goes on to the same bits.
 //!
-//! The format, version 1. Numbers are little-endian.
+//! The format, version 2. Numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const MAGIC: [u8; 8] = *b"TWOPART\x1a";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEAD: usize = MAGIC.len() + 4 + 32;
 const SUM: usize = 32;
 

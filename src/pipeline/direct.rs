@@ -242,15 +242,23 @@ impl ByStages for Measure<'_> {
                     points: 0,
                     counts: RayCounts::default(),
                 };
-                self.look::<K>(i, (DIRECT_POINTS * share(i).max(patches.least_share())) as u64, &mut measured);
+                let points = (DIRECT_POINTS * share(i).max(patches.least_share())) as u64;
+                if patches.is_idle(i) && self.world.leaves_idle() {
+                    measured.points = points;
+                } else {
+                    self.look::<K>(i, points, &mut measured);
+                }
                 measured
             })
             .collect();
         // Half shadows need more points than that. How many is decided lamp by lamp, whatever the strengths of the lamps.
-        let total: f64 = patches.area.iter().sum();
+        // Patches whose light cannot count have no say.
+        let counting = || (0..patches.len()).filter(|i| !patches.is_idle(*i));
+        let total: f64 = counting().map(|i| patches.area[i]).sum();
         let level = |part: usize| {
-            let square = |(m, area): (&Measured, &f64)| area * m.level(part).powi(2);
-            (measured.iter().zip(&patches.area).map(square).sum::<f64>() / total).sqrt()
+            let square = |i: usize| patches.area[i] * measured[i].level(part).powi(2);
+            let counts = (counting().map(square).sum::<f64>() / total).sqrt();
+            if counts > 0.0 { counts } else { ((0..patches.len()).map(square).sum::<f64>() / total).sqrt() }
         };
         let levels: Vec<f64> = (0..n_parts).map(level).collect();
         measured.par_iter_mut().enumerate().for_each(|(i, m)| {
@@ -259,6 +267,9 @@ impl ByStages for Measure<'_> {
             if wanted > 1.0 {
                 let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
                 self.look::<K>(i, points, m);
+            }
+            if patches.is_idle(i) {
+                m.counts.idle += m.counts.shadow;
             }
         });
         measured

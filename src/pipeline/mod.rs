@@ -122,8 +122,13 @@ impl RenderSettings {
     /// # Errors
     /// As [`Self::read_out`].
     pub fn plan_for(&self, world: &World) -> Result<Plan, PipelineError> {
+        Ok(Plan::new(world, &self.asked(world)?))
+    }
+
+    /// What the plan has to know besides the scene.
+    fn asked(&self, world: &World) -> Result<Asked, PipelineError> {
         let read_out = self.read_out()?;
-        let asked = Asked {
+        Ok(Asked {
             mode: self.plan,
             by_stages: self.method.is_by_stages(),
             max_depth: self.max_depth.unwrap_or(world.scene().film.max_depth),
@@ -131,8 +136,8 @@ impl RenderSettings {
             has_pass_one: read_out.is_some(),
             shows_pass_one: read_out == Some(ReadOut::Stored),
             gathers: matches!(read_out, Some(ReadOut::FinalGather | ReadOut::Progressive)),
-        };
-        Ok(Plan::new(world, &asked))
+            by_patch: self.pass_one.form_factors == FormFactorMethod::RayCast,
+        })
     }
 
     /// What the method is told, for paths of at most `max_depth` edges.
@@ -364,8 +369,10 @@ impl ByStages for Render<'_, '_, '_> {
             }
         }
         let mut integrator = settings.integrator(max_depth)?;
-        let is_all_specular = !scene.has_diffuse() && scene.may_emit();
-        if progressive && (is_all_specular || (is_read && pass_one.is_some())) {
+        if integrator.read_out == ReadOut::FinalGather && !plan.gather && settings.method.has_read_outs() {
+            integrator.read_out = ReadOut::DirectStored;
+        }
+        if progressive && scene.may_emit() {
             let (pass_one, unread) = if is_read { (pass_one, None) } else { (None, pass_one) };
             let mut method = Progressive::<K>::new(&world, settings, integrator, pass_one, counts);
             let driven = watch.time(Stage::Render, || {
@@ -379,9 +386,6 @@ impl ByStages for Render<'_, '_, '_> {
             let pass_one = method.finish(&mut watch).or(unread);
             let stages = watch.stages;
             return Ok(Rendered { pass_one, film, frame, read_out, counts, stages, complete, unfinished, plan, world });
-        }
-        if integrator.read_out == ReadOut::FinalGather && !plan.gather && settings.method.has_read_outs() {
-            integrator.read_out = ReadOut::DirectStored;
         }
         let field = pass_one.as_ref().filter(|_| is_read).map(|p| &p.field);
         let mut method = settings.method.integrator::<K>(&world, field, integrator, &settings.methods);
@@ -454,8 +458,9 @@ pub fn solve_from(
     observer: &mut Observer<'_>,
 ) -> Result<Solved, PipelineError> {
     // What pass one itself was asked for is never left out.
-    let plan =
-        RenderSettings { read_out: Some(ReadOut::Stored), method: Method::TwoPass, ..settings.clone() }.plan_for(&world)?;
+    let shown = RenderSettings { read_out: Some(ReadOut::Stored), method: Method::TwoPass, ..settings.clone() };
+    // Nor is what one camera does not see.
+    let plan = Plan::new(&world, &Asked { by_patch: false, ..shown.asked(&world)? });
     world.leave_out(plan.needs, plan.one_channel);
     let mut counts = RayCounts::default();
     let settings = (&settings.pass_one, settings.seed);

@@ -220,7 +220,7 @@ pub struct PowerBalance {
     /// Not followed further because of the limit of specular events.
     pub truncated: f64,
     /// (emitted - absorbed - escaped - truncated) / emitted: mirrors, glass, black backs and the estimation error. 0 where a sun or the
-    /// surroundings give light, whose power is not known.
+    /// surroundings give light, whose power is not known, and where light that cannot count in the picture was left out.
     pub unaccounted: f64,
 }
 
@@ -268,6 +268,10 @@ pub fn solve_from(
     })?;
     if world.needs().is_plain() {
         watch.time(Stage::Patches, || patches.lay_out(world));
+    }
+    // What is kept holds for any camera.
+    if !reused.patches {
+        patches.mark_idle(world);
     }
     if kept.form_factors.is_none() {
         fits(patches.len() as f64, &how, settings.max_memory)?;
@@ -468,8 +472,11 @@ fn balance(world: &World, field: &RadiosityField, outside: &Outside) -> PowerBal
         escaped += a * total(outside.escaped(i) * leaves);
         truncated += a * total(outside.truncated(i) * leaves);
     }
-    // Of light from infinitely far away a scene takes what it takes: nothing is known to compare with.
-    let is_known = world.scene().environment.is_none() && world.scene().lights.iter().all(|light| !light.is_distant());
+    // Of light from infinitely far away a scene takes what it takes: nothing is known to compare with. Nor is what light does where it cannot
+    // count, if that is left out.
+    let is_known = !world.leaves_idle()
+        && world.scene().environment.is_none()
+        && world.scene().lights.iter().all(|light| !light.is_distant());
     let unaccounted = if emitted > 0.0 && is_known { (emitted - absorbed - escaped - truncated) / emitted } else { 0.0 };
     PowerBalance { emitted, absorbed, escaped, truncated, unaccounted }
 }

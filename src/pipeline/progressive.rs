@@ -106,7 +106,7 @@ struct State {
 pub(super) struct Progressive<'a, K: Stages> {
     world: &'a World,
     settings: IntegratorSettings,
-    /// `None` where nothing is diffuse: then there is nothing to gather for either, and all that rounds decide is where samples go.
+    /// `None` where nothing is diffuse or nobody reads it: then all that rounds decide is where samples go.
     pass_one: Option<PassOne>,
     pass_one_settings: PassOneSettings,
     /// As the user asked for it.
@@ -167,7 +167,7 @@ fn refines(asked: &PassOneSettings) -> bool {
 }
 
 impl<'a, K: Stages> Progressive<'a, K> {
-    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`, or from none where nothing is diffuse.
+    /// Starts from a first solution, made by [`first_pass_one`], that cost `counts`, or from none where nobody reads it.
     pub fn new(
         world: &'a World,
         render: &RenderSettings,
@@ -178,7 +178,6 @@ impl<'a, K: Stages> Progressive<'a, K> {
         Self {
             world,
             settings: IntegratorSettings {
-                read_out: ReadOut::FinalGather,
                 direct: if render.image_filter { DirectSampling::FILTERED } else { settings.direct },
                 ..settings
             },
@@ -340,7 +339,9 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
         }
         let half = (index % 2) as usize;
         let mut counts = RayCounts::default();
-        if self.pass_one.is_some() && self.caches[half].is_none() {
+        // Where nothing is gathered patches are read as they are.
+        let gathers = self.settings.read_out == ReadOut::FinalGather;
+        if gathers && self.pass_one.is_some() && self.caches[half].is_none() {
             let settings = self.fill_settings(frame, half);
             self.caustics[half] = CausticMap::shoot(self.world, &self.caustic_settings(&settings), &mut counts);
             let before = counts.gather;
@@ -417,7 +418,8 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
     }
 }
 
-/// Rays of all kinds.
+/// Rays of all kinds, without those that cannot count in the picture: whether they are cast must decide nothing.
 fn rays(counts: &RayCounts) -> u64 {
-    counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
+    let all = counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor;
+    all + counts.reflected + counts.transmitted - counts.idle
 }

@@ -3,8 +3,11 @@
 //! Every decision rests on bounds over whole materials, lights and shapes, never on samples: what is left out could not have
 //! contributed. The picture is therefore the same, bit for bit, as with every stage at work ([`Mode::Full`]).
 
+mod parts;
+
 use crate::scene::Scene;
 use crate::world::World;
+use crate::world::regions::Regions;
 use crate::world::stages::Needs;
 
 /// Whether stages may be left out.
@@ -44,6 +47,8 @@ pub struct Asked {
     pub shows_pass_one: bool,
     /// True if the method gathers.
     pub gathers: bool,
+    /// True if form factors are made patch by patch, and for this camera only.
+    pub by_patch: bool,
 }
 
 /// Edges of light straight from a lamp to a surface that is seen.
@@ -79,6 +84,10 @@ pub struct Plan {
     pub light: bool,
     /// True if rays gather at diffuse surfaces, if the method gathers.
     pub gather: bool,
+    /// Sides of triangles (front, back) whose light cannot count in the picture; `None` if there are none.
+    pub idle: Option<Vec<[bool; 2]>>,
+    /// True if pass one does nothing for those.
+    pub leaves_idle: bool,
     /// All of it with its reasons.
     pub decisions: Vec<Decision>,
 }
@@ -98,6 +107,7 @@ impl Plan {
         let (specular, distant, textures) = (specular(scene), distant(scene), textures(scene));
         let open = specular.0 || distant.0;
         let simple = !specular.0 && !textures.0;
+        let parts = parts::parts(world, asked, specular.0);
         let verdicts = [
             ("recursion", specular),
             ("texture-coordinates", textures),
@@ -107,7 +117,10 @@ impl Plan {
             ("light", light(scene)),
             ("pass-one", pass_one(scene, asked)),
             ("three-channels", channels(scene)),
-            ("gather", gather(world, asked)),
+            ("gather", gather(world, asked, &parts)),
+            ("dark-surfaces", parts::dark(&parts)),
+            ("unseen-surfaces", parts::unseen(&parts)),
+            ("shadow-rays", shadow_rays(world, asked)),
             ("light-choice", choice(world)),
             ("depth-limit", limit),
             ("interreflection", interreflection),
@@ -149,13 +162,19 @@ impl Plan {
             let asked_for = match stage {
                 "pass-one" => asked.has_pass_one,
                 "gather" => asked.gathers || world.partition().leaves_some(),
+                "dark-surfaces" | "unseen-surfaces" => asked.has_pass_one,
+                "shadow-rays" => !world.partition().has_no_shadow_rays(),
                 _ => true,
             };
             let reason = if forced && asked_for { format!("not needed, but --plan full: {reason}") } else { reason };
             Decision { stage, kept: asked_for && (needed || forced), reason }
         };
+        let is_idle = |verdict: Verdict| !verdict.0;
+        let idle = parts.as_ref().ok().filter(|_| is_idle(parts::dark(&parts)) || is_idle(parts::unseen(&parts)));
         Plan {
             needs,
+            idle: idle.map(Regions::idle),
+            leaves_idle: !full,
             pass_one,
             one_channel,
             max_depth,
@@ -170,6 +189,9 @@ impl Plan {
     /// Tells a world what is left out.
     pub fn apply(&self, world: &mut World) {
         world.leave_out(self.needs, self.one_channel);
+        if let Some(idle) = &self.idle {
+            world.leave_idle(idle.clone(), self.leaves_idle);
+        }
         if !self.light {
             world.forget_lights();
         }
@@ -248,7 +270,18 @@ fn channels(scene: &Scene) -> Verdict {
     }
 }
 
-fn gather(world: &World, asked: &Asked) -> Verdict {
+/// Rays to lights.
+fn shadow_rays(world: &World, asked: &Asked) -> Verdict {
+    if asked.max_depth.is_some_and(|d| d < DIRECT) && !asked.shows_pass_one {
+        (false, "within one edge only what shines is seen".to_owned())
+    } else if !world.partition().has_no_shadow_rays() {
+        (true, "lights are found by rays to them".to_owned())
+    } else {
+        (false, "no light is left to rays towards it".to_owned())
+    }
+}
+
+fn gather(world: &World, asked: &Asked, parts: &Result<Regions, &'static str>) -> Verdict {
     let scene = world.scene();
     let partition = world.partition();
     let by_shadow_rays = || {
@@ -266,6 +299,8 @@ fn gather(world: &World, asked: &Asked) -> Verdict {
         (false, "no surface is diffuse".to_owned())
     } else if asked.max_depth.is_some_and(|d| d <= 2) && by_shadow_rays() {
         (false, "within two edges shadow rays find all light".to_owned())
+    } else if let Some(verdict) = parts::glow(world, asked, parts) {
+        verdict
     } else {
         (true, "diffuse surfaces receive light that shadow rays do not find".to_owned())
     }

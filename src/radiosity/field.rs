@@ -93,7 +93,7 @@ impl RadiosityField {
     }
 
     /// The patch where a ray met a flat wall, by the layout that [`PatchMesh::lay_out`] made.
-    #[inline]
+    #[inline(always)]
     pub fn patch_on_flat(&self, hit: &FlatHit) -> Option<usize> {
         self.patches.patch_on_flat(hit.primitive, hit.place, hit.front).map(|id| id.0 as usize)
     }

@@ -143,6 +143,8 @@ pub(super) fn solve(
     let (mut best, mut failures) = (f64::INFINITY, 0);
     // The best so far with its residual: a method that goes astray must not take the solution with it.
     let mut kept = (whole.irradiance.clone(), r.clone());
+    // Sets whose solution was verified: what others still need does not touch them any more.
+    let mut settled: Vec<Option<Vec<(Rgb, Rgb)>>> = vec![None; sets.members.len()];
     let (first, now, stopped) = (Cell::new(0.0), Cell::new(0.0_f64), Cell::new(false));
     loop {
         let mut is_met = |s: usize, x: &[Rgb], r: &[Rgb]| {
@@ -166,10 +168,21 @@ pub(super) fn solve(
             method(&space, &mut whole.irradiance, &mut r, limit, &mut Goal { is_met: &mut is_met, go_on: &mut go_on });
         r = system.residual(&whole.irradiance);
         whole.sweeps += 1;
+        for (set, settled) in sets.members.iter().zip(&settled) {
+            for (&i, kept) in set.iter().zip(settled.iter().flatten()) {
+                (whole.irradiance[i], r[i]) = *kept;
+            }
+        }
         let bounced: Vec<Rgb> = whole.irradiance.iter().zip(&r).map(|(x, r)| *x + *r).collect();
         let bound_of =
             |set: &Vec<usize>| relative(sets.spectral_bound_of(set) * bound.of(set, &r), system.mean_irradiance(set, &bounced));
-        whole.error_bound = sets.members.iter().map(bound_of).fold(0.0, f64::max);
+        let bounds: Vec<f64> = sets.members.iter().map(bound_of).collect();
+        for ((set, settled), bound) in sets.members.iter().zip(&mut settled).zip(&bounds) {
+            if settled.is_none() && *bound <= settings.tolerance {
+                *settled = Some(set.iter().map(|&i| (whole.irradiance[i], r[i])).collect());
+            }
+        }
+        whole.error_bound = bounds.into_iter().fold(0.0, f64::max);
         whole.converged = whole.error_bound <= settings.tolerance;
         failures += u32::from(whole.error_bound > 0.5 * best);
         let is_given_up = !whole.converged && failures >= MOST_FAILURES;

@@ -154,7 +154,7 @@ impl Hull {
     /// Which wall comes first is found roughly, and then proved: in a convex room the triangle that a line from inside passes through, well
     /// within its border, is the only one. What the engine might find instead is a wall seen edge-on, by rounding: one that the ray
     /// starts near, as all others are far from it as long as it is inside.
-    #[inline]
+    #[inline(always)]
     pub fn meet(&self, outlook: &Outlook, ray: &Ray) -> Option<(u32, (f64, f64))> {
         let walls = self.walls.as_ref()?;
         let cosine = [0, 1].map(|half: usize| along(&walls.normal[half], ray.direction));

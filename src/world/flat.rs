@@ -100,7 +100,7 @@ impl World {
     }
 
     /// As [`Self::meet_flat`], by the outlook of the ray's origin.
-    #[inline]
+    #[inline(always)]
     pub fn meet_flat_from<K: Stages>(&self, outlook: &Option<Outlook>, ray: &Ray) -> Option<FlatHit> {
         let flat = self.flat.as_ref()?;
         let by_hull = match (outlook, &self.hull) {

@@ -7,6 +7,7 @@ pub mod illumination;
 pub mod interaction;
 pub mod partition;
 pub mod plane_mirrors;
+pub mod regions;
 pub mod shading;
 pub mod sight;
 mod sky_guide;
@@ -66,6 +67,16 @@ pub struct World {
     /// The stages that rays are followed with.
     needs: Needs,
     is_grey: bool,
+    idle: Option<Idle>,
+}
+
+/// Sides of triangles whose light cannot count in the picture.
+#[derive(Debug)]
+struct Idle {
+    /// By triangle: front, back.
+    sides: Vec<[bool; 2]>,
+    /// True if pass one does nothing for them.
+    is_left_out: bool,
 }
 
 impl World {
@@ -133,6 +144,7 @@ impl World {
             hull,
             needs: Needs::ALL,
             is_grey: false,
+            idle: None,
         };
         world.sky_guide = SkyGuide::measure(&world);
         Ok(world)
@@ -141,6 +153,28 @@ impl World {
     /// Leaves out the stages that a plan found to be of no effect in this scene.
     pub fn leave_out(&mut self, needs: Needs, is_grey: bool) {
         (self.needs, self.is_grey) = (needs, is_grey);
+    }
+
+    /// Tells pass one for which sides of triangles light cannot count (front, back), and whether it is to leave them out. Those that it does not
+    /// leave out decide nothing for others.
+    pub fn leave_idle(&mut self, sides: Vec<[bool; 2]>, is_left_out: bool) {
+        self.idle = Some(Idle { sides, is_left_out });
+    }
+
+    /// True if a plan found some sides of triangles whose light cannot count.
+    pub fn has_idle(&self) -> bool {
+        self.idle.is_some()
+    }
+
+    /// True if light on that side of a primitive cannot count in the picture, by a plan.
+    pub fn is_idle(&self, primitive: u32, front: bool) -> bool {
+        let sides = self.idle.as_ref().and_then(|idle| idle.sides.get(primitive as usize));
+        sides.is_some_and(|sides| sides[usize::from(!front)])
+    }
+
+    /// True if pass one does nothing where light cannot count.
+    pub fn leaves_idle(&self) -> bool {
+        self.idle.as_ref().is_some_and(|idle| idle.is_left_out)
     }
 
     /// True if a plan found red, green and blue to be equal in all that is reflected and emitted.

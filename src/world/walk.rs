@@ -39,6 +39,8 @@ pub struct RayCounts {
     pub light_choices: u64,
     /// Hits whose triangle or sphere had to be asked for its normal.
     pub curved: u64,
+    /// Rays of pass one, counted above, from patches whose light cannot count in the picture: they decide nothing.
+    pub idle: u64,
     /// Chains cut by the depth limit.
     pub truncated: u64,
     /// Rays of particles from lamps.
@@ -61,6 +63,7 @@ impl std::ops::AddAssign for RayCounts {
         self.distant += o.distant;
         self.light_choices += o.light_choices;
         self.curved += o.curved;
+        self.idle += o.idle;
         self.truncated += o.truncated;
         self.particle += o.particle;
         self.truncated_weight += o.truncated_weight;

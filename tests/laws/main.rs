@@ -35,6 +35,7 @@ mod metrics;
 mod patches;
 mod path;
 mod plan;
+mod plan_parts;
 mod process;
 mod sky;
 mod solution_file;

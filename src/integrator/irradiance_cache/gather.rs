@@ -1,10 +1,12 @@
 //! One record: irradiance and its gradients from a hemisphere of rays in rings and sectors [Ward92].
 
 use super::{OVERLAP, Record};
+use crate::accel::{Work, widest};
 use crate::geometry::Ray;
 use crate::integrator::TwoPass;
 use crate::integrator::final_gather::NEAR_LEVELS;
-use crate::math::{Frame, Rgb, Sampler, Vec3, warp};
+use crate::math::sampler::Series;
+use crate::math::{Frame, Rgb, Vec3, warp};
 use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::RayCounts;
 use crate::world::{Sight, Stages, SurfaceInteraction};
@@ -34,6 +36,30 @@ struct Seen<const N: usize> {
     nearness: f64,
 }
 
+/// The work of one record.
+struct Gathering<'a, 'b, K: Stages> {
+    by: &'a TwoPass<'b, K>,
+    si: &'a SurfaceInteraction,
+    key: u64,
+    settings: &'a GatherSettings,
+    reach: [f32; 2],
+    counts: &'a mut RayCounts,
+}
+
+impl<K: Stages> Work for Gathering<'_, '_, K> {
+    type Output = Record;
+
+    #[inline(always)]
+    fn run(self) -> Record {
+        let Self { by, si, key, settings, reach, counts } = self;
+        if K::COLOUR {
+            by.gather_channels::<3>(si, key, settings, reach, counts)
+        } else {
+            by.gather_channels::<1>(si, key, settings, reach, counts)
+        }
+    }
+}
+
 impl<K: Stages> TwoPass<'_, K> {
     /// Irradiance at `si` and around it. `reach` bounds how far it may hold [m], from below and above.
     pub(super) fn gather_record(
@@ -44,14 +70,11 @@ impl<K: Stages> TwoPass<'_, K> {
         reach: [f32; 2],
         counts: &mut RayCounts,
     ) -> Record {
-        if K::COLOUR {
-            self.gather_channels::<3>(si, key, settings, reach, counts)
-        } else {
-            self.gather_channels::<1>(si, key, settings, reach, counts)
-        }
+        widest(Gathering { by: self, si, key, settings, reach, counts })
     }
 
     /// The same; the first `N` channels are computed, the others, if any, are as the first.
+    #[inline(always)]
     fn gather_channels<const N: usize>(
         &self,
         si: &SurfaceInteraction,
@@ -68,9 +91,10 @@ impl<K: Stages> TwoPass<'_, K> {
         // On this side of the face all rays start at one point.
         let start = si.spawn(si.ng).origin;
         let outlook = self.world.outlook::<K>(start);
+        let series = Series::new(settings.seed, key);
         for j in 0..rings {
             for k in 0..sectors {
-                let mut sampler = Sampler::new(settings.seed, key, (j * sectors + k) as u64);
+                let mut sampler = series.sampler((j * sectors + k) as u64);
                 let u = sampler.next_2d();
                 let sin2 = (j as f64 + f64::from(u.x)) / rings as f64;
                 let (sin_phi, cos_phi) = warp::sin_cos_of_turn((k as f64 + f64::from(u.y)) / sectors as f64);
