@@ -53,7 +53,7 @@ pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
 
 /// Rays of all kinds.
 pub fn rays(counts: &RayCounts) -> u64 {
-    counts.camera + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
+    counts.camera + counts.glance + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
 }
 
 /// Adds what rays and stages cost.
@@ -63,6 +63,7 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
     }
     for (name, count) in [
         ("camera_rays", counts.camera),
+        ("glances", counts.glance),
         ("shadow_rays", counts.shadow),
         ("visibility_tests", counts.visibility),
         ("lobe_evaluations", counts.lobes),

@@ -53,7 +53,7 @@ impl<K: Stages> TwoPass<'_, K> {
         // The rays of samples and glances are two sequences, independent of each other.
         let settings = super::IntegratorSettings { seed: mix(self.settings.seed ^ 0x6c_a2ce), ..self.settings };
         let start = start_in_half(self.world, &settings, frame, half, index, pixel);
-        counts.camera += 1;
+        counts.glance += 1;
         // Samples alone tell what recursion leaves out.
         let cut = (counts.truncated, counts.truncated_weight);
         let mut trace = Trace::new(start.sampler, 0, start.index, counts);

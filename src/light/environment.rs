@@ -87,7 +87,9 @@ impl Environment {
         match self {
             Environment::Uniform(radiance) => (crate::math::warp::sphere(u), *radiance, 0.25 / PI),
             Environment::Map(map) => {
-                let (direction, radiance) = map.sample(u);
+                let direction = map.sample(u);
+                // As whoever looks that way finds it, to the last bit.
+                let radiance = map.radiance(direction);
                 (direction, radiance, map.pdf(radiance))
             }
         }
@@ -189,11 +191,7 @@ impl Map {
 
     #[inline]
     fn radiance(&self, direction: Vec3) -> Rgb {
-        self.radiance_at(&self.place(direction))
-    }
-
-    #[inline]
-    fn radiance_at(&self, &Place { column, row, x, y }: &Place) -> Rgb {
+        let Place { column, row, x, y } = self.place(direction);
         let next = if column + 1 == self.width { 0 } else { column + 1 };
         let texel = |row: usize, column: usize| Rgb::from(self.texels.at(row * self.width + column));
         let along = |row: usize| texel(row, column) * (1.0 - x) + texel(row, next) * x;
@@ -207,8 +205,8 @@ impl Map {
         if total > 0.0 { radiance.luminance() / total } else { 0.0 }
     }
 
-    /// A direction by luminance, with its radiance: first the band between two rows, then the polar angle in it, then the azimuth.
-    fn sample(&self, u: Vec2) -> (Vec3, Rgb) {
+    /// A direction by luminance: first the band between two rows, then the polar angle in it, then the azimuth.
+    fn sample(&self, u: Vec2) -> Vec3 {
         let target = f64::from(u.y) * self.bands[self.bands.len() - 1];
         let row = self.bands.partition_point(|&b| b <= target).min(self.height - 2);
         let before = if row == 0 { 0.0 } else { self.bands[row - 1] };
@@ -229,8 +227,7 @@ impl Map {
         let x = invert_linear(left, right, rest);
         let (st, ct) = band.sin_cos(y);
         let (sp, cp) = warp::sin_cos_of_turn((column as f64 + x + 0.5) / self.width as f64);
-        let direction = (self.to_scene * DVec3::new(sp * st, ct, -cp * st)).as_vec3().normalize();
-        (direction, self.radiance_at(&Place { column, row, x, y }))
+        (self.to_scene * DVec3::new(sp * st, ct, -cp * st)).as_vec3().normalize()
     }
 
     /// The strip between a row and the next.
@@ -342,22 +339,31 @@ impl Band {
         if self.step < NARROW { self.invert_narrow(a, b, target) } else { self.invert_wide(a, b, target) }
     }
 
-    /// The same for a narrow band, in which the sine is a parabola to 2e-7: Newton's method on a polynomial, from where it would be if sine and
+    /// The same for a narrow band, in which the sine is a cubic to 1e-9: Newton's method on a polynomial, from where it would be if sine and
     /// radiance were linear together.
     fn invert_narrow(&self, a: f64, b: f64, target: f64) -> f64 {
         let (s, c, bend) = (self.sin, self.cos * self.step, -0.5 * self.sin * self.step * self.step);
-        let d = b - a;
-        // Of (a + d t)(s + c t + bend t²).
-        let of = [a * s, a * c + d * s, a * bend + d * c, d * bend];
-        let end = s + c + bend;
+        let (d, turn) = (b - a, -c * self.step * self.step / 6.0);
+        // Of (a + d t)(s + c t + bend t² + turn t³).
+        let of = [a * s, a * c + d * s, a * bend + d * c, a * turn + d * bend, d * turn];
+        let end = s + c + bend + turn;
         let mut t = invert_linear(a * s + 1e-300, (b * end).max(0.0), target);
-        for _ in 0..3 {
-            let error = t * (of[0] + t * (of[1] / 2.0 + t * (of[2] / 3.0 + t * of[3] / 4.0))) - target;
-            let slope = of[0] + t * (of[1] + t * (of[2] + t * of[3]));
-            if slope <= 0.0 {
-                break;
+        // Near the poles the start is far off; elsewhere two steps do.
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..32 {
+            let error = t * (of[0] + t * (of[1] / 2.0 + t * (of[2] / 3.0 + t * (of[3] / 4.0 + t * of[4] / 5.0)))) - target;
+            let slope = of[0] + t * (of[1] + t * (of[2] + t * (of[3] + t * of[4])));
+            if error > 0.0 {
+                high = t;
+            } else {
+                low = t;
             }
-            t = (t - error / slope).clamp(0.0, 1.0);
+            let next = t - error / slope;
+            let next = if next > low && next < high { next } else { 0.5 * (low + high) };
+            if (next - t).abs() < 1e-12 {
+                return next;
+            }
+            t = next;
         }
         t
     }

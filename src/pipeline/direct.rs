@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 /// Points at which the direct light of a patch of the full size is measured; smaller ones get fewer by their share.
 pub(super) const DIRECT_POINTS: f64 = 32.0;
 
-/// A patch of the full size gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all
+/// A patch of the full size gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all lit
 /// patches; the squared error that a smaller one may keep is larger as its area, and so its weight in all light to come, is smaller ...
 const NOISE: f64 = 0.02;
 /// ... but no more than this many.
@@ -252,13 +252,13 @@ impl ByStages for Measure<'_> {
             })
             .collect();
         // Half shadows need more points than that. How many is decided lamp by lamp, whatever the strengths of the lamps.
-        // Patches whose light cannot count have no say.
-        let counting = || (0..patches.len()).filter(|i| !patches.is_idle(*i));
-        let total: f64 = counting().map(|i| patches.area[i]).sum();
+        // Patches whose light cannot count have no say, nor have dark ones, of which a solution for any camera has more.
         let level = |part: usize| {
-            let square = |i: usize| patches.area[i] * measured[i].level(part).powi(2);
-            let counts = (counting().map(square).sum::<f64>() / total).sqrt();
-            if counts > 0.0 { counts } else { ((0..patches.len()).map(square).sum::<f64>() / total).sqrt() }
+            let lit = (0..patches.len()).filter(|&i| !patches.is_idle(i) && measured[i].level(part) > 0.0);
+            let (squares, area) = lit.fold((0.0, 0.0), |(squares, area), i| {
+                (squares + patches.area[i] * measured[i].level(part).powi(2), area + patches.area[i])
+            });
+            if area > 0.0 { (squares / area).sqrt() } else { f64::INFINITY }
         };
         let levels: Vec<f64> = (0..n_parts).map(level).collect();
         measured.par_iter_mut().enumerate().for_each(|(i, m)| {

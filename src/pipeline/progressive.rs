@@ -420,6 +420,6 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
 
 /// Rays of all kinds, without those that cannot count in the picture: whether they are cast must decide nothing.
 fn rays(counts: &RayCounts) -> u64 {
-    let all = counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor;
+    let all = counts.particle + counts.camera + counts.glance + counts.shadow + counts.gather + counts.form_factor;
     all + counts.reflected + counts.transmitted - counts.idle
 }

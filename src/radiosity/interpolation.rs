@@ -52,7 +52,9 @@ impl Interpolation {
             // Patch j counts within its radius; a point lies at most a patch's diagonal from its middle.
             let reach = RADIUS * size[j] + 0.75 * size[i];
             i == j
-                || (patches.centroid[i].distance_squared(patches.centroid[j]) < reach * reach
+                // What no light reaches or nobody sees may not have been solved for.
+                || (patches.is_idle(i) == patches.is_idle(j)
+                    && patches.centroid[i].distance_squared(patches.centroid[j]) < reach * reach
                     && patches.normal[i].dot(patches.normal[j]) > CREASE
                     && !world.occluded(&Ray::between(above(i), above(j))))
         };

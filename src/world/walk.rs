@@ -17,6 +17,8 @@ const LONGEST: u32 = 512;
 pub struct RayCounts {
     /// Rays from the camera.
     pub camera: u64,
+    /// Rays from the camera that only look for emission.
+    pub glance: u64,
     /// Rays to lights.
     pub shadow: u64,
     /// Rays that gather radiosity.
@@ -52,6 +54,7 @@ pub struct RayCounts {
 impl std::ops::AddAssign for RayCounts {
     fn add_assign(&mut self, o: Self) {
         self.camera += o.camera;
+        self.glance += o.glance;
         self.shadow += o.shadow;
         self.gather += o.gather;
         self.form_factor += o.form_factor;

@@ -158,16 +158,16 @@ fn glances_see_the_lamp_as_samples_do_and_oftener() {
         let (found, counts) = tracer.planned_pass(&frame, plan);
         let image: Vec<f64> = found.iter().map(|l| l.sample.radiance().g / f64::from(samples)).collect();
         let variance: Vec<f64> = found.iter().map(|l| f64::from(l.variance) / f64::from(l.n.max(1))).collect();
-        (image, variance, counts.camera)
+        (image, variance, [counts.camera, counts.glance])
     };
     // The plane of the lamp is 4 wide in the picture.
     let covered = 1.7 * 1.3 * (SIDE * SIDE) as f64 / 16.0;
     let (exact, _, _) = shot(4096, 0);
     let error = |image: &[f64]| image.iter().zip(&exact).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
     let (alone, _, camera) = shot(16, 0);
-    assert_eq!(camera, 16 * n as u64);
+    assert_eq!(camera, [16 * n as u64, 0]);
     let (joined, variance, camera) = shot(16, 3);
-    assert_eq!(camera, 64 * n as u64);
+    assert_eq!(camera, [16 * n as u64, 48 * n as u64]);
     for image in [&exact, &alone, &joined] {
         let sum: f64 = image.iter().sum();
         // About 110 pixels at the edges, each with a variance of at most 1/4 over 16 samples: a standard error of 1.
