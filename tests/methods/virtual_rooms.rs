@@ -40,45 +40,93 @@ fn worst(mirrored: &[([f32; 3], f64)], doubled: &[([f32; 3], f64)]) -> f64 {
     mirrored.iter().map(error).fold(0.0, f64::max)
 }
 
+/// What stands in a room of flat mirrors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Walled {
+    /// One wall is a perfect mirror.
+    Whole,
+    /// Half of it is.
+    Part,
+    /// A board stands before it.
+    Board,
+    /// Two walls that meet are.
+    Corner,
+}
+
+/// A narrow room that glows at one end, with its mirrors or with the rooms that stand for them. Narrow: the glowing walls stay more than a
+/// tenth of all, so that form factors find them in all rooms.
+fn mirrored(walled: Walled, reflectance: f64, repeated: bool) -> Room {
+    let mut room = Room::new(DVec3::new(0.2, 0.1, -0.7), DVec3::new(0.0, -0.1, 1.0), 16);
+    let (grey, dark, mirror) = (room.grey(0.7), room.grey(0.2), room.mirror(reflectance));
+    let both = room.material(Material::Diffuse { reflectance: Texture::grey(0.7) }, true);
+    let (x, y, z) = (DVec3::X, DVec3::Y * 2.0, DVec3::Z * 2.0);
+    let corner = walled == Walled::Corner;
+    for (k, m) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        if (k > 0 && !repeated) || (m > 0 && !(corner && repeated)) {
+            continue;
+        }
+        let low = DVec3::new(f64::from(k), -1.0, f64::from(2 * m - 1));
+        // Floor and ceiling, back and front; the wall that glows.
+        room.quad(low, z, x, dark, 0.0);
+        room.quad(low + y, x, z, grey, 0.0);
+        if m == 0 {
+            room.quad(low, x, y, grey, 0.0);
+        }
+        if !corner || m == 1 {
+            room.quad(low + z, y, x, if corner { grey } else { dark }, 0.0);
+        }
+        let (end, e1, e2) = if k == 0 { (low, y, z) } else { (low + x, z, y) };
+        room.quad(end, e1, e2, grey, 1.0);
+        if walled == Walled::Part && k == 0 {
+            // The partition below an opening, with two sides: of two in one place rays would meet only the first.
+            room.quad(low + x, z, 0.5 * y, both, 0.0);
+        }
+        if walled == Walled::Board {
+            room.quad(DVec3::new(if k == 0 { 0.75 } else { 1.25 }, -0.5, -0.75), DVec3::Z * 1.5, DVec3::Y, both, 0.0);
+        }
+    }
+    if !repeated {
+        let foot = if walled == Walled::Part { 0.0 } else { -1.0 };
+        let high = if walled == Walled::Part { 0.5 * y } else { y };
+        room.quad(DVec3::new(1.0, foot, -1.0), z, high, mirror, 0.0);
+        if corner {
+            room.quad(DVec3::new(0.0, -1.0, 1.0), y, x, mirror, 0.0);
+        }
+    }
+    room
+}
+
 /// A wall that is a perfect mirror makes the room twice as long: the solution is that of the doubled room, patch by patch. A wall that is a
-/// mirror in part makes it two rooms with an opening between them.
+/// mirror in part makes it two rooms with an opening between them, and two mirrors in a corner make it four.
 #[test]
 fn a_flat_mirror_doubles_the_room() {
-    for (partial, within) in [(false, 1e-3), (true, 1e-2)] {
-        let build = |doubled: bool| {
-            let mut room = Room::new(DVec3::new(0.2, 0.1, -0.7), DVec3::new(0.0, -0.1, 1.0), 16);
-            let (grey, dark, mirror) = (room.grey(0.7), room.grey(0.2), room.mirror(1.0));
-            let reflectance = Texture::grey(0.7);
-            let both = room.material(Material::Diffuse { reflectance }, true);
-            // Narrow: the glowing walls stay more than a tenth of all, so that form factors find them in both rooms.
-            let (x, y, z) = (DVec3::X, DVec3::Y * 2.0, DVec3::Z * 2.0);
-            for k in 0..if doubled { 2 } else { 1 } {
-                let low = DVec3::new(f64::from(k), -1.0, -1.0);
-                // Floor, ceiling, back, front; the wall that glows; the partition below an opening.
-                room.quad(low, z, x, dark, 0.0);
-                room.quad(low + y, x, z, grey, 0.0);
-                room.quad(low, x, y, grey, 0.0);
-                room.quad(low + z, y, x, dark, 0.0);
-                let end = if k == 0 { low } else { low + x };
-                let (e1, e2) = if k == 0 { (y, z) } else { (z, y) };
-                room.quad(end, e1, e2, grey, 1.0);
-                if partial && k == 0 {
-                    // One partition with two sides: of two in one place rays would meet only the first.
-                    room.quad(low + x, z, 0.5 * y, both, 0.0);
-                }
-            }
-            if !doubled {
-                let foot = if partial { 0.0 } else { -1.0 };
-                let high = if partial { 0.5 * y } else { y };
-                room.quad(DVec3::new(1.0, foot, -1.0), z, high, mirror, 0.0);
-            }
-            room
-        };
-        let found = worst(&irradiances(&build(false), Some(1)), &irradiances(&build(true), None));
-        assert!(found < within, "partial {partial}: {found} of the mean, expected less than {within}");
-        let without = worst(&irradiances(&build(false), None), &irradiances(&build(true), None));
-        assert!(without > 10.0 * within, "partial {partial}: the mirror matters, {without}");
+    for (walled, reflections, within) in
+        [(Walled::Whole, 1, 1e-3), (Walled::Part, 1, 1e-2), (Walled::Board, 1, 3e-2), (Walled::Corner, 2, 1e-2)]
+    {
+        let want = irradiances(&mirrored(walled, 1.0, true), None);
+        let found = worst(&irradiances(&mirrored(walled, 1.0, false), Some(reflections)), &want);
+        assert!(found < within, "{walled:?}: {found} of the mean, expected less than {within}");
+        let without = worst(&irradiances(&mirrored(walled, 1.0, false), Some(reflections - 1)), &want);
+        assert!(without > 5.0 * within, "{walled:?}: the mirror matters, {without}");
     }
+}
+
+/// Among black walls what a mirror adds is in proportion to its reflectance.
+#[test]
+fn a_mirror_sends_back_what_it_reflects() {
+    let of = |reflectance: f64, reflections: u32| {
+        let mut room = mirrored(Walled::Whole, reflectance, false);
+        let black = room.grey(0.0);
+        room.source.shapes.iter_mut().rev().skip(1).for_each(|shape| shape.material = black);
+        irradiances(&room, Some(reflections))
+    };
+    let (none, half, whole) = (of(1.0, 0), of(0.5, 1), of(1.0, 1));
+    let mean = whole.iter().map(|w| w.1).sum::<f64>() / whole.len() as f64;
+    for ((n, h), w) in none.iter().zip(&half).zip(&whole) {
+        assert!((0.5 * (n.1 + w.1) - h.1).abs() < 1e-6 * mean, "{h:?}, expected the mean of {n:?} and {w:?}");
+    }
+    let added = whole.iter().zip(&none).map(|(w, n)| w.1 - n.1).fold(0.0, f64::max);
+    assert!(added > 0.1 * mean, "the mirror matters, {added}");
 }
 
 /// Facing mirrors, a curved one, glass and a screen in a room with a lamp.

@@ -171,6 +171,11 @@ impl Photons {
 }
 
 impl Integrator for Sppm<'_> {
+    /// What a hidden photon stands for may be more, in a channel, than all that was found.
+    fn is_signed(&self) -> bool {
+        true
+    }
+
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         let radius = self.radius(frame, index);
         let mut counts = RayCounts::default();
