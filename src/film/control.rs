@@ -97,3 +97,97 @@ impl Control {
         both.iter().zip(&alone).map(gain).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::{Image, PixelSample, Quantity};
+    use crate::math::{Sampler, sampler::mix};
+
+    const SIDE: usize = 32;
+    /// Rays beside each sample.
+    const MORE: u32 = 7;
+
+    /// A film of so many samples a pixel and half. Along each ray 1 or 3 is known, as on either side of an edge through the pixel, and `found` is the light,
+    /// by what is known and a random number about 0.
+    fn film(passes: u32, seed: u64, is_controlled: bool, found: impl Fn(f64, f64) -> f64) -> Film {
+        let mut film = Film::new(SIDE, SIDE).controlled(is_controlled);
+        for index in 0..2 * passes {
+            let samples: Vec<PixelSample> = (0..SIDE * SIDE)
+                .map(|i| {
+                    let mut random = Sampler::new(seed, mix(i as u64 ^ mix(index.into())), 0);
+                    let mut known = || if random.next_1d() < 0.5 { 1.0 } else { 3.0 };
+                    let own: f64 = known();
+                    let all = own + (0..MORE).map(|_| known()).sum::<f64>();
+                    let mut sample = PixelSample::default();
+                    *sample.layer(Quantity::Indirect) = Rgb::grey(found(own, f64::from(random.next_1d()) - 0.5));
+                    sample.known = Beforehand { own: Rgb::grey(own), change: Rgb::grey(all / f64::from(1 + MORE) - own) };
+                    sample
+                })
+                .collect();
+            film.add_pass(index, &samples);
+        }
+        film
+    }
+
+    /// Mean error and mean squared error.
+    fn errors(image: &Image, right: f64) -> [f64; 2] {
+        let n = (SIDE * SIDE) as f64;
+        let of = |power: i32| image.pixels().iter().map(|p| (f64::from(p[1]) - right).powi(power)).sum::<f64>() / n;
+        [of(1), of(2)]
+    }
+
+    /// Light that is what is known, and a little noise: what is left of the variance of the edge is an eighth, by eight rays for one.
+    #[test]
+    fn edges_that_are_known_are_seen_by_all_rays() {
+        let found = |known: f64, noise: f64| known + noise;
+        let errors_of = |is_controlled: bool| errors(&film(1, 1, is_controlled, found).unfiltered(), 2.0);
+        let ([_, alone], [mean, controlled]) = (errors_of(false), errors_of(true));
+        // A variance of 1 for the edge and 1/12 for the noise, over two samples.
+        let expected = (1.0 / 8.0 + 1.0 / 12.0) / (1.0 + 1.0 / 12.0);
+        assert!((controlled / alone / expected - 1.0).abs() < 0.25, "{controlled} of {alone}, expected a share of {expected}");
+        let standard_error = (controlled / (SIDE * SIDE) as f64).sqrt();
+        assert!(mean.abs() < 4.0 * standard_error, "the mean is off by {mean}, its standard error {standard_error}");
+    }
+
+    /// Light that falls where what is known rises, or has nothing to do with it: the gain is next to none.
+    #[test]
+    fn what_is_known_wrongly_does_little_harm() {
+        let against = |known: f64, noise: f64| 4.0 - known + noise;
+        let beside = |_: f64, noise: f64| 2.0 + 2.0 * noise;
+        for found in [&against as &dyn Fn(f64, f64) -> f64, &beside] {
+            for passes in [1, 8] {
+                let error_of = |is_controlled: bool| errors(&film(passes, 2, is_controlled, found).unfiltered(), 2.0)[1];
+                let (alone, controlled) = (error_of(false), error_of(true));
+                assert!(controlled < 1.15 * alone, "{controlled} instead of {alone} after {passes} passes");
+            }
+        }
+    }
+
+    /// Light that goes half as far as what is known: so does the gain, but for what is expected of it beforehand.
+    #[test]
+    fn the_gain_is_how_light_goes_with_what_is_known() {
+        let film = film(64, 3, true, |known, noise| 0.5 * known + noise);
+        let mean = (0..SIDE * SIDE).map(|i| f64::from(film.gain(i))).sum::<f64>() / (SIDE * SIDE) as f64;
+        let expected = (0.5 + f64::from(PRIOR)) / (1.0 + f64::from(PRIOR));
+        assert!((mean - expected).abs() < 0.02, "{mean}, expected {expected}");
+    }
+
+    #[test]
+    fn no_pixel_is_shown_below_black_and_a_power_of_two_changes_no_bit() {
+        let dark = film(1, 4, true, |known, _| 0.05 * known);
+        assert!((0..SIDE * SIDE).any(|i| dark.half_mean(0, i).g < 0.0), "a pixel whose sample found less than is known");
+        assert!(dark.image().pixels().iter().flatten().all(|v| *v >= 0.0));
+        let scaled = |scale: f64| {
+            let mut film = Film::new(2, 2).controlled(true);
+            for (index, [own, found]) in [[1.0, 1.2], [3.0, 2.9]].into_iter().enumerate() {
+                let mut sample = PixelSample::default();
+                *sample.layer(Quantity::Direct) = Rgb::grey(scale * found);
+                sample.known = Beforehand { own: Rgb::grey(scale * own), change: Rgb::grey(scale * (2.0 - own)) };
+                film.add_pass(index as u32, &[sample; 4]);
+            }
+            film.image().at(0, 0)[0]
+        };
+        assert_eq!(scaled(1.0) * 2.0_f32.powi(100), scaled(2.0_f64.powi(100)));
+    }
+}

@@ -19,9 +19,9 @@ const BANDWIDTH: f32 = 0.8;
 /// Variances are averaged over pixels at most this far away in each direction.
 const AROUND: usize = 2;
 /// Differences of albedo that make pixels unlike.
-const UNLIKE_ALBEDO: f32 = 0.1;
+const UNLIKE_ALBEDO: f32 = 0.2;
 /// Differences of normals that do.
-const UNLIKE_NORMAL: f32 = 0.3;
+const UNLIKE_NORMAL: f32 = 0.5;
 /// Differences of depth over their mean that do.
 const UNLIKE_DEPTH: f32 = 0.1;
 /// Distance beyond which none is told from another.
@@ -395,6 +395,28 @@ mod tests {
             .sum::<f64>()
             / (4 * SIDE) as f64;
         assert!(near < 1.0 / 12.0 / 4.0, "{near}");
+    }
+
+    /// A single pass, whose noise only its neighbours tell: where all looks alike it is filtered as well, and what looks different stays apart.
+    #[test]
+    fn a_first_pass_is_filtered_by_what_is_seen() {
+        let two = |x: usize, _| if x < SIDE / 2 { 1.0 } else { 2.0 };
+        let mut film = Film::new(SIDE, SIDE).filtered(true);
+        let samples: Vec<PixelSample> = (0..SIDE * SIDE)
+            .map(|i| {
+                let noise = f64::from(Sampler::new(7, mix(i as u64), 0).next_1d()) - 0.5;
+                let mut sample = PixelSample::default();
+                let albedo = if i % SIDE < SIDE / 2 { 0.2 } else { 0.9 };
+                *sample.layer(Quantity::Direct) = Rgb::grey(albedo * (two(i % SIDE, i / SIDE) + noise));
+                *sample.layer(Quantity::Albedo) = Rgb::grey(albedo);
+                *sample.layer(Quantity::Depth) = Rgb::grey(3.0);
+                sample
+            })
+            .collect();
+        film.add_pass(0, &samples);
+        let picture = |x: usize, y: usize| two(x, y) * if x < SIDE / 2 { 0.2 } else { 0.9 };
+        let (found, raw) = (error(&film.image(), picture), error(&film.unfiltered(), picture));
+        assert!(found < 0.2 * raw, "{found} of {raw}");
     }
 
     /// Where nothing is alike, the filter does little from the start and nothing in the end.

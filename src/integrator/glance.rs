@@ -1,8 +1,9 @@
-//! Glances: camera rays that only look for emission.
+//! Glances: camera rays that light nothing.
 //!
-//! The edges of bright windows, lamps and their mirror images are most of the noise of a picture of an interior, and the cheapest part of it:
-//! a camera ray with its reflections costs a tenth of a sample that lights what it meets as well. So a sample may be joined by glances,
-//! which find what is emitted along other rays of the same pixel; emission is the mean over all of them, all else is the sample's alone.
+//! Edges within pixels, of bright windows, of lamps, of things and textures and of their mirror images, are most of the noise of a picture of an interior, and the
+//! cheapest part of it: a camera ray with its reflections costs a tenth of a sample that lights what it meets as well. So a sample may be joined by glances,
+//! which find what is emitted along other rays of the same pixel, and what pass one has stored for what they meet. Emission is the mean over all of
+//! them; what is stored is known beforehand of the rest ([`crate::film::Beforehand`]).
 
 use super::whitted::{Path, Trace};
 use super::{Frame, PassPlan, TwoPass, by_rows, start_in_half};
@@ -64,7 +65,7 @@ impl<K: Stages> TwoPass<'_, K> {
         })
     }
 
-    /// Emission along a ray through the pixel and its reflections.
+    /// Emission along a ray through the pixel and its reflections, and what is seen by it.
     fn glance(&self, frame: &Frame, half: u32, index: u32, pixel: usize, counts: &mut RayCounts) -> (Rgb, Layers) {
         // The rays of samples and glances are two sequences, independent of each other.
         let settings = super::IntegratorSettings { seed: mix(self.settings.seed ^ 0x6c_a2ce), ..self.settings };
