@@ -51,6 +51,50 @@ fn light_round_a_corner_is_that_of_path_tracing() {
     }
 }
 
+/// Behind a narrow slit photons are rare: where a gather ray finds none nearby that knows the irradiance, there is light all the same.
+#[test]
+fn rare_photons_bring_all_light() {
+    let room = two_rooms(0.1);
+    let (path, error) = mean(&run(room.scene(), &settings(Method::Path, 4096)).film);
+    for (method, side, spp) in [(Method::PhotonMap, 32, 32), (Method::Sppm, 96, 64)] {
+        let methods = MethodSettings { photons: Some(16_384), ..MethodSettings::default() };
+        let settings = RenderSettings { methods, size: Some((side, side)), ..settings(method, spp) };
+        let (got, _) = mean(&run(room.scene(), &settings).film);
+        assert!(
+            (got - path).abs() < 4.0 * error + 0.04 * path,
+            "{method:?}: {got}, by path tracing {path}, standard error {error}"
+        );
+    }
+}
+
+/// So few photons that most disks are empty: the radiance of the furnace in the mean.
+#[test]
+fn a_few_photons_fill_a_furnace() {
+    let methods = MethodSettings { photons: Some(128), ..MethodSettings::default() };
+    let film = run(furnace(0.5).scene(), &RenderSettings { methods, ..settings(Method::PhotonMap, 128) }).film;
+    let (got, error) = mean(&film);
+    assert!((got / 2.0 - 1.0).abs() < 0.01, "{got}, expected 2 within 1 %; error {error}");
+}
+
+/// Strips narrower than the disks, back to back in mid-air: as bright as the walls behind them.
+#[test]
+fn disks_know_how_narrow_a_strip_is() {
+    let mut room = furnace(0.5);
+    let grey = room.grey(0.5);
+    for k in -6..=6 {
+        let (across, low) = (DVec3::X * 1.8, DVec3::new(-0.9, 0.13 * f64::from(k), 0.2));
+        let up = DVec3::Y * 0.03;
+        room.quad(low, up, across, grey, 1.0);
+        room.quad(low + DVec3::Z * 1e-5, across, up, grey, 1.0);
+    }
+    for (method, side, spp, photons) in [(Method::PhotonMap, 16, 32, 8192), (Method::Sppm, 64, 32, 16_384)] {
+        let methods = MethodSettings { photons: Some(photons), ..MethodSettings::default() };
+        let settings = RenderSettings { methods, size: Some((side, side)), ..settings(method, spp) };
+        let (got, error) = mean(&run(room.scene(), &settings).film);
+        assert!((got / 2.0 - 1.0).abs() < 0.01, "{method:?}: {got}, expected 2 within 1 %; error {error}");
+    }
+}
+
 /// Disks of photons that reach beyond the edges of a wall are divided by what of them is left: the radiance of the furnace, whatever
 /// their size.
 #[test]

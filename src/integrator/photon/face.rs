@@ -16,6 +16,15 @@ const LEAST_LIFT: f32 = 1e-6;
 /// Points drawn at most: a point of a face always has some of the disk for its own, at a corner of a cube a quarter.
 const MOST_TRIALS: u32 = 32;
 
+/// Directions in which a point looks along its face.
+const SPOKES: usize = 6;
+/// How far a look goes, over the radius of the disk: to the corners of a hexagon around it.
+const SPOKE: f32 = 1.154_700_5;
+/// What a look that ends at something counts, over its length: what is not yet beyond it.
+const SHORT: f32 = 0.99;
+/// What is higher above a face or deeper below it than this, over the radius, is asked for by itself.
+const FLAT: f32 = 1.0 / 16.0;
+
 /// A surface point and the unit normal of its face, on the side that is looked at.
 pub(super) type SurfacePoint = (Vec3, Vec3);
 
@@ -47,10 +56,37 @@ impl Face<'_> {
         self.sees((photon.point, photon.normal), radius)
     }
 
+    /// What of a disk around the face's point is seen from there for sure, by rays just above the face, outwards and from end to end.
+    pub fn outlook(&self, radius: f32) -> Outlook {
+        let (point, normal) = self.at;
+        let lift = lift(self.world, radius);
+        let axes = Frame::new(normal);
+        let mut ends = [Vec3::ZERO; SPOKES];
+        let mut lengths = [SPOKE * radius; SPOKES];
+        for (k, (end, length)) in ends.iter_mut().zip(&mut lengths).enumerate() {
+            let (sin, cos) = spoke(k).sin_cos();
+            let mut out = Ray::new(point + normal * lift, axes.s * cos + axes.t * sin);
+            out.t_max = *length;
+            if let Some(met) = self.world.intersect(&out) {
+                *length = SHORT * met.t;
+            }
+            *end = out.at(*length);
+        }
+        let is_clear = std::array::from_fn(|k| !self.world.occluded(&Ray::between(ends[k], ends[(k + 1) % SPOKES])));
+        let mut outlook = Outlook { lengths, is_clear, height: FLAT * radius, inner: 0.0 };
+        if is_clear.into_iter().all(|clear| clear) {
+            let nearest = (0..SPOKES).map(|k| {
+                let [[ax, ay], [bx, by]] = outlook.chord(k);
+                (ax * by - ay * bx) / (bx - ax).hypot(by - ay)
+            });
+            outlook.inner = nearest.fold(radius, f32::min).powi(2);
+        }
+        outlook
+    }
+
     /// One over the share of a disk that is of the face and seen, right in the mean: the number of points drawn from the disk until one is
-    /// [Booth07]. And whether the first `looks` points all were, so that nothing seems to stand in the disk. `share` gives the distance of a
-    /// point, over the radius, of three uniform numbers in [0, 1).
-    pub fn trials(&self, radius: f32, seed: u64, looks: u32, share: impl Fn([f32; 3]) -> f32) -> (u32, bool) {
+    /// [Booth07]. `share` gives the distance of a point, over the radius, of three uniform numbers in [0, 1).
+    pub fn trials(&self, radius: f32, seed: u64, outlook: Option<&Outlook>, share: impl Fn([f32; 3]) -> f32) -> u32 {
         let (point, normal) = self.at;
         let axes = Frame::new(normal);
         let number = |k: u64| (mix(seed.wrapping_add(mix(k))) >> 40) as f32 * 2.0_f32.powi(-24);
@@ -65,13 +101,57 @@ impl Face<'_> {
                 down.t_max = height + self.height;
                 self.world.intersect(&down).is_some_and(|met| {
                     let other = (met.point, met.ng);
-                    self.holds(other) && self.sees(other, radius)
+                    self.holds(other) && (outlook.is_some_and(|o| o.holds(self.at, other.0)) || self.sees(other, radius))
                 })
             })
         };
-        let first = (1..MOST_TRIALS).find(|trial| is_own(*trial)).unwrap_or(MOST_TRIALS);
-        (first, first == 1 && (2..=looks).all(is_own))
+        (1..MOST_TRIALS).find(|trial| is_own(*trial)).unwrap_or(MOST_TRIALS)
     }
+}
+
+/// A star of triangles around a surface point, on its face: as far as nothing stands in the way of a look.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Outlook {
+    /// How far the point looks each way [m].
+    lengths: [f32; SPOKES],
+    /// True if nothing stands between the ends of a look and the next one.
+    is_clear: [bool; SPOKES],
+    /// What is farther above or below may be hidden [m].
+    height: f32,
+    /// Squared radius of a disk within the triangles, if all are clear [m²].
+    inner: f32,
+}
+
+impl Outlook {
+    /// True if the point `at` that has this outlook surely sees `other`.
+    #[inline]
+    pub fn holds(&self, at: SurfacePoint, other: Vec3) -> bool {
+        let way = other - at.0;
+        if way.dot(at.1).abs() > self.height {
+            return false;
+        }
+        if way.length_squared() <= self.inner {
+            return true;
+        }
+        let local = Frame::new(at.1).to_local(way);
+        let turns = local.y.atan2(local.x) / TAU;
+        let k = ((turns - turns.floor()) * SPOKES as f32) as usize % SPOKES;
+        let [[ax, ay], [bx, by]] = self.chord(k);
+        self.is_clear[k] && (bx - ax) * (local.y - ay) >= (by - ay) * (local.x - ax)
+    }
+
+    /// The ends of a look and of the next one, beside the point.
+    fn chord(&self, k: usize) -> [[f32; 2]; 2] {
+        [k, (k + 1) % SPOKES].map(|k| {
+            let (sin, cos) = spoke(k).sin_cos();
+            [self.lengths[k] * cos, self.lengths[k] * sin]
+        })
+    }
+}
+
+/// Angle of a look [rad].
+fn spoke(k: usize) -> f32 {
+    k as f32 * (TAU / SPOKES as f32)
 }
 
 /// Height at which points of a disk look at each other where the face is flat [m].

@@ -3,6 +3,7 @@
 mod face;
 mod gather;
 mod grid;
+mod maps;
 mod sppm;
 
 pub use gather::PhotonMapper;

@@ -127,32 +127,46 @@ impl<'a> Sppm<'a> {
 }
 
 impl Photons {
-    /// Radiance by photons around `si` of at most `most_edges`: caustics and the rest. Photons are asked whether they are seen only where
-    /// something stands in the disk, or ends it, as the first point drawn tells: shrinking disks get rid of the others.
+    /// Radiance by photons around `si` of at most `most_edges`: caustics and the rest. Where something stands in the disk, or ends it, as the
+    /// first point drawn tells, each photon is asked whether it is seen. Elsewhere one of them is, and taken away for all its like if it is
+    /// not, which is right in the mean.
     fn reflected(&self, world: &World, si: &SurfaceInteraction, shading: &Shading<'_>, most_edges: u32, seed: u64) -> (Rgb, Rgb) {
-        let (mut caustic, mut other) = (Rgb::BLACK, Rgb::BLACK);
+        let mut sums = [Rgb::BLACK; 2];
         let r2 = self.radius * self.radius;
         let face = face_at(world, si, self.radius);
         // Known once there is a photon.
         let mut trials = None;
+        // Of those not asked: the sum of their brightness, and one picked in proportion to it, with what it brings.
+        let mut unasked = 0.0;
+        let mut picked: Option<(u32, Rgb)> = None;
         self.grid.visit(si.point, self.radius, |i| {
             let photon = &self.photons[i as usize];
             let is_near = photon.point.distance_squared(si.point) < r2 && photon.edges <= most_edges;
             if is_near && face.holds((photon.point, photon.normal)) {
-                let (trials, is_clear) = *trials.get_or_insert_with(|| face.trials(self.radius, seed, 1, face::even));
-                if !is_clear && !face.sees_photon(photon, self.radius) {
+                let trials = *trials.get_or_insert_with(|| face.trials(self.radius, seed, None, face::even));
+                if trials > 1 && !face.sees_photon(photon, self.radius) {
                     return;
                 }
                 let found = photon.reflected(si, shading) * f64::from(trials);
-                if photon.way == Way::Caustic {
-                    caustic += found;
-                } else {
-                    other += found;
+                sums[usize::from(photon.way == Way::Caustic)] += found;
+                if trials == 1 {
+                    let brightness = found.mean();
+                    unasked += brightness;
+                    let number = (mix(seed ^ mix(u64::from(i))) >> 11) as f64 * 2.0_f64.powi(-53);
+                    if number * unasked < brightness {
+                        picked = Some((i, found));
+                    }
                 }
             }
         });
+        if let Some((i, found)) = picked {
+            let photon = &self.photons[i as usize];
+            if !face.sees_photon(photon, self.radius) {
+                sums[usize::from(photon.way == Way::Caustic)] += found * (-unasked / found.mean());
+            }
+        }
         let area = PI * f64::from(r2);
-        (caustic / area, other / area)
+        (sums[1] / area, sums[0] / area)
     }
 }
 
