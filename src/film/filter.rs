@@ -19,15 +19,17 @@ const BANDWIDTH: f32 = 0.8;
 /// Variances are averaged over pixels at most this far away in each direction.
 const AROUND: usize = 2;
 /// Differences of albedo that make pixels unlike.
-const UNLIKE_ALBEDO: f32 = 0.1;
+const UNLIKE_ALBEDO: f32 = 0.2;
 /// Differences of normals that do.
-const UNLIKE_NORMAL: f32 = 0.3;
+const UNLIKE_NORMAL: f32 = 0.5;
 /// Differences of depth over their mean that do.
 const UNLIKE_DEPTH: f32 = 0.1;
 /// Distance beyond which none is told from another.
 const FAR: f32 = 1e6;
 /// Colours are divided by the albedo, or by this where less is seen.
 const LEAST_ALBEDO: f32 = 0.05;
+/// Least number of pixels that tell a variance.
+const LEAST_KNOWN: f32 = 1e-3;
 /// Rows that one task filters.
 const BAND: usize = 32;
 
@@ -63,7 +65,7 @@ struct Pixels {
     unit: f64,
 }
 
-/// Filters the picture of a film with samples in both halves.
+/// Filters the picture of a film. While one half is empty, the variance is taken from neighbours that look alike.
 pub(super) fn filter(film: &Film) -> Filtered {
     let pixels = Pixels::of(film);
     let (w, h) = (pixels.width, pixels.height);
@@ -90,9 +92,7 @@ impl Pixels {
     fn of(film: &Film) -> Self {
         let (width, height) = (film.width(), film.height());
         let n = width * height;
-        let level = (0..n).map(|i| ((film.halves[0][i] + film.halves[1][i]) / film.n_samples(i)).mean()).sum::<f64>() / n as f64;
-        // Exact: a picture twice as bright is filtered alike, bit for bit.
-        let unit = if level.is_normal() { level.log2().floor().exp2() } else { 1.0 };
+        let unit = film.unit();
         let plane = || vec![0.0_f32; n];
         let mut pixels = Self {
             width,
@@ -117,7 +117,7 @@ impl Pixels {
             let has_both = taken[0] * taken[1] > 0.0;
             let mut squared = 0.0;
             for c in 0..3 {
-                let [a, b] = [0, 1].map(|half: usize| film.halves[half][i][c] / (unit * f64::from(albedo[c])));
+                let [a, b] = [0, 1].map(|half: usize| film.half(half, i)[c] / (unit * f64::from(albedo[c])));
                 let means = if has_both { [a / taken[0], b / taken[1]] } else { [(a + b) * over; 2] };
                 squared += (means[0] - means[1]) * (means[0] - means[1]);
                 (pixels.means[0][c][i], pixels.means[1][c][i]) = (means[0] as f32, means[1] as f32);
@@ -129,13 +129,42 @@ impl Pixels {
             pixels.albedo[i] = albedo;
             (own[i], known[i]) = ((squared * taken[0] * taken[1] * over) as f32, f32::from(u8::from(has_both)));
         }
-        let (own, known) = (around([width, height], &own), around([width, height], &known));
+        if film.passes.contains(&0) {
+            (own, known) = pixels.spread();
+        }
+        let (own, known) = (around([width, height], &own, AROUND), around([width, height], &known, AROUND));
         for i in 0..n {
-            let variance = own[i] / known[i].max(1.0) / film.n_samples(i) as f32;
+            let variance = own[i] / known[i].max(LEAST_KNOWN) / film.n_samples(i) as f32;
             pixels.width2[i] = 2.0 * BANDWIDTH * BANDWIDTH * variance;
             pixels.common[i] = if film.taken[0][i].min(film.taken[1][i]) > 0 { 0.0 } else { variance };
         }
         pixels
+    }
+
+    /// Variance of one sample by how neighbours differ that look alike, and how many of them do: all there is to go by while one half is empty.
+    fn spread(&self) -> (Plane, Plane) {
+        let (w, n) = (self.width, self.width * self.height);
+        let (mut own, mut known) = (vec![0.0; n], vec![0.0; n]);
+        for i in 0..n {
+            let right = Some(i + 1).filter(|_| i % w + 1 < w);
+            let below = Some(i + w).filter(|j| *j < n);
+            for j in right.into_iter().chain(below) {
+                let taken = [i, j].map(|k| self.sums[6][k] + self.sums[7][k]);
+                let weight = fading(self.unlikeness(i, j));
+                let squared: f32 = (0..3).map(|c| (self.means[0][c][i] - self.means[0][c][j]).powi(2)).sum();
+                // The means differ by the variances of both.
+                own[i] += weight * squared / (1.0 / taken[0].max(1.0) + 1.0 / taken[1].max(1.0));
+                known[i] += weight;
+            }
+        }
+        (own, known)
+    }
+
+    /// Squared distance of two pixels by what is seen there.
+    fn unlikeness(&self, i: usize, j: usize) -> f32 {
+        let relative =
+            (self.depth[i] - self.depth[j]) / (self.depth[i] + self.depth[j] + f32::MIN_POSITIVE) * (2.0 / UNLIKE_DEPTH);
+        relative * relative + self.features.iter().map(|f| (f[i] - f[j]) * (f[i] - f[j])).sum::<f32>()
     }
 
     /// The weighted sums of rows `start..end`, in the order of [`Self::sums`].
@@ -295,9 +324,9 @@ fn add_weighted(total: &mut [f32], values: &[f32], weights: &[f32]) {
     total.iter_mut().zip(values).zip(weights).for_each(|((total, value), weight)| *total += weight * value);
 }
 
-/// Sums over the pixels at most [`AROUND`] away in each direction.
-fn around([width, height]: [usize; 2], values: &[f32]) -> Plane {
-    let near = |i: usize, n: usize| i.saturating_sub(AROUND)..(i + AROUND + 1).min(n);
+/// Sums over the pixels at most `reach` away in each direction.
+pub(super) fn around([width, height]: [usize; 2], values: &[f32], reach: usize) -> Plane {
+    let near = |i: usize, n: usize| i.saturating_sub(reach)..(i + reach + 1).min(n);
     let mut across = vec![0.0; width * height];
     for (sums, row) in across.chunks_mut(width).zip(values.chunks(width)) {
         sums.iter_mut().enumerate().for_each(|(x, sum)| *sum = row[near(x, width)].iter().sum());
@@ -366,6 +395,28 @@ mod tests {
             .sum::<f64>()
             / (4 * SIDE) as f64;
         assert!(near < 1.0 / 12.0 / 4.0, "{near}");
+    }
+
+    /// A single pass, whose noise only its neighbours tell: where all looks alike it is filtered as well, and what looks different stays apart.
+    #[test]
+    fn a_first_pass_is_filtered_by_what_is_seen() {
+        let two = |x: usize, _| if x < SIDE / 2 { 1.0 } else { 2.0 };
+        let mut film = Film::new(SIDE, SIDE).filtered(true);
+        let samples: Vec<PixelSample> = (0..SIDE * SIDE)
+            .map(|i| {
+                let noise = f64::from(Sampler::new(7, mix(i as u64), 0).next_1d()) - 0.5;
+                let mut sample = PixelSample::default();
+                let albedo = if i % SIDE < SIDE / 2 { 0.2 } else { 0.9 };
+                *sample.layer(Quantity::Direct) = Rgb::grey(albedo * (two(i % SIDE, i / SIDE) + noise));
+                *sample.layer(Quantity::Albedo) = Rgb::grey(albedo);
+                *sample.layer(Quantity::Depth) = Rgb::grey(3.0);
+                sample
+            })
+            .collect();
+        film.add_pass(0, &samples);
+        let picture = |x: usize, y: usize| two(x, y) * if x < SIDE / 2 { 0.2 } else { 0.9 };
+        let (found, raw) = (error(&film.image(), picture), error(&film.unfiltered(), picture));
+        assert!(found < 0.2 * raw, "{found} of {raw}");
     }
 
     /// Where nothing is alike, the filter does little from the start and nothing in the end.

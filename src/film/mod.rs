@@ -1,6 +1,7 @@
 //! The film (f64 sums) and the image (f32 pixels), and their files.
 
 mod atomic;
+mod control;
 mod exr_in;
 mod exr_out;
 mod filter;
@@ -12,6 +13,7 @@ pub mod lock;
 mod mask;
 pub mod tone_map;
 
+pub use control::Beforehand;
 pub use image::Image;
 pub use layer::{Layer, LayerData, Plane};
 pub use mask::Mask;
@@ -80,12 +82,14 @@ pub struct PixelSample {
     pub layers: [Rgb; Quantity::ALL.len()],
     /// Number of camera samples.
     pub n: u32,
+    /// What is known beforehand of the radiance.
+    pub known: Beforehand,
 }
 
 impl Default for PixelSample {
     /// One sample of nothing.
     fn default() -> Self {
-        Self { layers: [Rgb::BLACK; Quantity::ALL.len()], n: 1 }
+        Self { n: 1, ..Self::NONE }
     }
 }
 
@@ -97,13 +101,14 @@ impl PixelSample {
     }
 
     /// No sample.
-    pub const NONE: Self = Self { layers: [Rgb::BLACK; Quantity::ALL.len()], n: 0 };
+    pub const NONE: Self = Self { layers: [Rgb::BLACK; Quantity::ALL.len()], n: 0, known: Beforehand::NOTHING };
 
     /// Takes the samples of another in.
     #[inline]
     pub fn add(&mut self, other: &PixelSample) {
         self.layers.iter_mut().zip(&other.layers).for_each(|(sum, value)| *sum += *value);
         self.n += other.n;
+        self.known.add(&other.known);
     }
 
     /// Radiance [W/(m² sr)], summed over its samples.
@@ -129,6 +134,8 @@ pub struct Film {
     signed: bool,
     /// Squared error over the noise that the halves show.
     error_over_noise: f64,
+    /// What is known of the pixels beforehand; `None` for methods that know nothing.
+    control: Option<control::Control>,
     /// The filtered picture, once it was asked for; `None` if there is to be none.
     #[serde(skip)]
     filtered: Option<OnceLock<filter::Filtered>>,
@@ -149,6 +156,7 @@ impl Film {
             passes: [0; 2],
             signed: false,
             error_over_noise: 1.0,
+            control: None,
             filtered: None,
             non_finite: 0,
             first_non_finite: None,
@@ -167,6 +175,14 @@ impl Film {
         Self { error_over_noise: factor, ..self }
     }
 
+    /// The same film, which uses what samples know beforehand, if `known`.
+    #[must_use]
+    pub fn controlled(self, known: bool) -> Self {
+        let n = self.width * self.height;
+        let control = self.control.or_else(|| known.then(|| control::Control::new(n)));
+        Self { control, ..self }
+    }
+
     /// The same film, whose picture is filtered, if `filtered`, by what its two halves agree on: for methods whose pixels may tell of each other. The layers
     /// stay as they are.
     #[must_use]
@@ -174,9 +190,9 @@ impl Film {
         Self { filtered: filtered.then(OnceLock::new), ..self }
     }
 
-    /// What the filter makes of the picture, made once; `None` without one, and before both halves have samples.
+    /// What the filter makes of the picture, made once; `None` without one, and before there are samples.
     fn developed(&self) -> Option<&filter::Filtered> {
-        let is_there = self.width * self.height > 0 && !self.passes.contains(&0);
+        let is_there = self.width * self.height > 0 && self.n_passes() > 0;
         self.filtered.as_ref().filter(|_| is_there).map(|made| made.get_or_init(|| filter::filter(self)))
     }
 
@@ -223,6 +239,9 @@ impl Film {
             }
             self.halves[half][pixel] += radiance;
             self.layers[pixel].iter_mut().zip(&sample.layers).for_each(|(sum, value)| *sum += *value);
+            if let Some(control) = &mut self.control {
+                control.add(half, pixel, &sample.known);
+            }
         }
         self.passes[half] += 1;
         if let Some(filtered) = &mut self.filtered {
@@ -240,27 +259,54 @@ impl Film {
         [self.taken[0][i], self.taken[1][i]]
     }
 
-    /// Mean radiance of the samples that one half has of pixel `i`, as they are.
+    /// Sum of the samples of one half, and what is known of more rays beside them.
+    #[inline]
+    fn half(&self, half: usize, i: usize) -> Rgb {
+        self.halves[half][i] + self.control.as_ref().map_or(Rgb::BLACK, |control| control.correction(self, half, i))
+    }
+
+    /// The power of two below the mean radiance as sampled: divided by it, a picture twice as bright is the same, bit for bit.
+    fn unit(&self) -> f64 {
+        let n = self.width * self.height;
+        let level = (0..n).map(|i| ((self.halves[0][i] + self.halves[1][i]) / self.n_samples(i)).mean()).sum::<f64>() / n as f64;
+        if level.is_normal() { level.log2().floor().exp2() } else { 1.0 }
+    }
+
+    /// How the light of pixel `i` goes with what is known of it beforehand, from 0 to 1.
+    pub fn gain(&self, i: usize) -> f32 {
+        self.control.as_ref().map_or(0.0, |control| control.gain(self, i))
+    }
+
+    /// Mean radiance of the samples that one half has of pixel `i`, unfiltered.
     pub fn half_mean(&self, half: usize, i: usize) -> Rgb {
-        self.halves[half][i] / f64::from(self.taken[half][i].max(1))
+        self.half(half, i) / f64::from(self.taken[half][i].max(1))
     }
 
     /// Mean radiance of all samples; filtered, if it is to be.
     pub fn image(&self) -> Image {
         if let Some(developed) = self.developed() {
-            return self.picture_of(|i| developed.image[i]);
+            return self.picture_of(|i| self.shown(developed.image[i]));
         }
         self.unfiltered()
     }
 
-    /// Mean radiance of all samples, as they are.
+    /// Mean radiance of all samples, unfiltered.
     pub fn unfiltered(&self) -> Image {
-        self.picture_of(|i| (self.halves[0][i] + self.halves[1][i]) / self.n_samples(i))
+        self.picture_of(|i| self.shown((self.half(0, i) + self.half(1, i)) / self.n_samples(i)))
+    }
+
+    /// What is known beforehand may take more from a pixel than a few samples have found.
+    fn shown(&self, radiance: Rgb) -> Rgb {
+        if self.signed { radiance } else { Rgb::new(radiance.r.max(0.0), radiance.g.max(0.0), radiance.b.max(0.0)) }
     }
 
     /// Mean of one quantity.
     pub fn quantity_image(&self, layer: Quantity) -> Image {
-        self.picture_of(|i| self.layers[i][layer as usize] / self.n_samples(i))
+        let more = |i: usize| match layer {
+            Quantity::Indirect => self.half(0, i) - self.halves[0][i] + self.half(1, i) - self.halves[1][i],
+            _ => Rgb::BLACK,
+        };
+        self.picture_of(|i| (self.layers[i][layer as usize] + more(i)) / self.n_samples(i))
     }
 
     /// Variance of the pixel, from the two halves (filtered, if the picture is): one degree of freedom a pixel. Black before the second pass.
@@ -309,8 +355,8 @@ impl Film {
         if a * b == 0.0 {
             return Rgb::BLACK;
         }
-        let difference = self.halves[0][i] / a - self.halves[1][i] / b;
-        let size = self.halves[0][i] / a + self.halves[1][i] / b;
+        let [of_a, of_b] = [self.half_mean(0, i), self.half_mean(1, i)];
+        let (difference, size) = (of_a - of_b, of_a + of_b);
         let variance =
             |d: f64, size: f64| if d.abs() <= ROUNDING * size.abs() { 0.0 } else { d * d * a * b / ((a + b) * (a + b)) };
         Rgb::new(variance(difference.r, size.r), variance(difference.g, size.g), variance(difference.b, size.b))

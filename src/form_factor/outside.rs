@@ -2,6 +2,94 @@
 
 use crate::math::Rgb;
 
+/// A walk from a patch through mirrors, glass and gloss, as the row of the patch counts it: what comes from beyond a patch on its way has
+/// fallen on that one before.
+#[derive(Debug, Default)]
+pub struct Walked {
+    found: Rgb,
+    found_again: Rgb,
+    has_met_patch: bool,
+}
+
+impl Walked {
+    /// Light is found that no patch has reflected [W/(m² sr)].
+    pub fn find(&mut self, light: Rgb) {
+        self.found += light;
+        if self.has_met_patch {
+            self.found_again += light;
+        }
+    }
+
+    /// The walk has come to a patch and may go on.
+    pub fn meet_patch(&mut self) {
+        self.has_met_patch = true;
+    }
+}
+
+/// Sums over the walks of a row.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct Walks {
+    escaped: Rgb,
+    truncated: Rgb,
+    passed_on: Rgb,
+    passed_out: Rgb,
+    arriving: Rgb,
+    accepted: Rgb,
+    arriving_again: Rgb,
+}
+
+impl Walks {
+    /// A walk arrives at a patch by way of something else with this share.
+    pub fn arrive(&mut self, walk: &Walked, throughput: Rgb) {
+        if walk.has_met_patch {
+            self.passed_on += throughput;
+        }
+    }
+
+    /// One leaves the scene.
+    pub fn escape(&mut self, walk: &Walked, throughput: Rgb) {
+        self.escaped += throughput;
+        self.leave(walk, throughput);
+    }
+
+    /// One is cut by the limit of specular events.
+    pub fn truncate(&mut self, walk: &Walked, throughput: Rgb) {
+        self.truncated += throughput;
+        self.leave(walk, throughput);
+    }
+
+    fn leave(&mut self, walk: &Walked, throughput: Rgb) {
+        if walk.has_met_patch {
+            self.passed_out += throughput;
+        }
+    }
+
+    /// Adds the light that a walk has found, if any; `acceptance`: what the diffuse part of the patch makes of its direction. Returns the light.
+    pub fn add_light(&mut self, walk: &Walked, acceptance: impl FnOnce() -> Rgb) -> Rgb {
+        if !walk.found.is_black() {
+            self.arriving += walk.found;
+            self.accepted += walk.found * acceptance();
+            self.arriving_again += walk.found_again;
+        }
+        walk.found
+    }
+
+    /// The row of so many walks.
+    pub fn row(self, walks: u32) -> OutsideRow {
+        let share = 1.0 / f64::from(walks);
+        let narrow = |v: Rgb| (v * share).to_array().map(|v| v as f32);
+        OutsideRow {
+            escaped: narrow(self.escaped),
+            truncated: narrow(self.truncated),
+            passed_on: narrow(self.passed_on),
+            passed_out: narrow(self.passed_out),
+            arriving: self.arriving * share,
+            accepted: self.accepted * share,
+            arriving_again: self.arriving_again * share,
+        }
+    }
+}
+
 /// By patch, whatever its form factors are kept as.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct Outside {

@@ -4,7 +4,7 @@
 //! [Sillion89]). A row closes exactly, whatever the number of rays; the error shows in reciprocity.
 
 use super::matrix::{FormFactorMatrix, Row};
-use super::outside::{Outside, OutsideRow};
+use super::outside::{Outside, OutsideRow, Walked, Walks};
 use crate::math::sampler::Series;
 use crate::math::{Frame, Rgb, warp};
 use crate::patch::{PatchId, PatchMesh};
@@ -114,11 +114,6 @@ impl ByStages for CastRows<'_> {
     }
 }
 
-/// 1 if a walk has met patches before, else 0.
-pub fn again(met: u32) -> f64 {
-    f64::from(u8::from(met > 0))
-}
-
 /// The row of one patch.
 fn cast_row<K: Stages>(
     world: &World,
@@ -129,9 +124,7 @@ fn cast_row<K: Stages>(
     let mut counts = RayCounts::default();
     let mut direct: Vec<u32> = Vec::new();
     let mut specular: Vec<(u32, Rgb)> = Vec::new();
-    let (mut escaped, mut truncated) = (Rgb::BLACK, Rgb::BLACK);
-    let (mut arriving, mut accepted) = (Rgb::BLACK, Rgb::BLACK);
-    let (mut passed_on, mut passed_out, mut arriving_again) = (Rgb::BLACK, Rgb::BLACK, Rgb::BLACK);
+    let mut walks = Walks::default();
     let rays = settings.rays_of(patches, id.0 as usize);
     let series = Series::new(settings.seed, u64::from(id.0));
     for k in 0..rays {
@@ -142,7 +135,7 @@ fn cast_row<K: Stages>(
         if K::PLAIN {
             match world.meet_flat::<K>(&from.spawn(direction)) {
                 Some(met) => direct.extend(patches.patch_on_flat(met.primitive, met.place, met.front).map(|j| j.0)),
-                None => escaped += Rgb::WHITE,
+                None => walks.escape(&Walked::default(), Rgb::WHITE),
             }
             continue;
         }
@@ -150,51 +143,35 @@ fn cast_row<K: Stages>(
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
         let sampling = DirectSampling::OF_PATCHES;
         let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
-        let mut found = Rgb::BLACK;
-        // Patches met so far: what comes from beyond them has fallen on them.
-        let mut met = 0;
+        let mut walk = Walked::default();
         world.follow_by::<K>(from.spawn(direction), sight, &mut sampler, settings.max_events, &mut counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
                 // What is seen directly is known exactly by the form factor.
                 if through > 0 && at.front {
-                    let light = throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
-                    found += light;
-                    arriving_again += light * again(met);
+                    walk.find(throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share);
                 }
                 if let Some(j) = patches.patch_at(at) {
                     if through == 0 {
                         direct.push(j.0);
                     } else {
                         specular.push((j.0, throughput));
-                        passed_on += throughput * again(met);
+                        walks.arrive(&walk, throughput);
                     }
-                    met += 1;
+                    walk.meet_patch();
                 }
             }
             // Gloss is an event like any other, though its light comes by a shadow ray.
-            Event::Lit { radiance, .. } if settings.max_events > 0 => {
-                found += radiance;
-                arriving_again += radiance * again(met);
-            }
+            Event::Lit { radiance, .. } if settings.max_events > 0 => walk.find(radiance),
             Event::Lit { .. } => {}
             Event::Escaped { direction, throughput, share, .. } => {
-                escaped += throughput;
-                passed_out += throughput * again(met);
+                walks.escape(&walk, throughput);
                 if K::DISTANT {
-                    let light = throughput * world.scene().escaped_radiance(direction) * share;
-                    found += light;
-                    arriving_again += light * again(met);
+                    walk.find(throughput * world.scene().escaped_radiance(direction) * share);
                 }
             }
-            Event::Truncated { throughput } => {
-                truncated += throughput;
-                passed_out += throughput * again(met);
-            }
+            Event::Truncated { throughput } => walks.truncate(&walk, throughput),
         });
-        if !found.is_black() {
-            arriving += found;
-            accepted += found * world.shading(&from).acceptance(direction);
-        }
+        walks.add_light(&walk, || world.shading(&from).acceptance(direction));
     }
     let share = 1.0 / f64::from(rays);
     direct.sort_unstable();
@@ -206,14 +183,5 @@ fn cast_row<K: Stages>(
             .map(|same| (same[0].0, (same.iter().map(|e| e.1).sum::<Rgb>() * share).to_array().map(|v| v as f32)))
             .collect(),
     };
-    let outside = OutsideRow {
-        escaped: (escaped * share).to_array().map(|v| v as f32),
-        truncated: (truncated * share).to_array().map(|v| v as f32),
-        passed_on: (passed_on * share).to_array().map(|v| v as f32),
-        passed_out: (passed_out * share).to_array().map(|v| v as f32),
-        arriving: arriving * share,
-        accepted: accepted * share,
-        arriving_again: arriving_again * share,
-    };
-    (row, outside, counts)
+    (row, walks.row(rays), counts)
 }

@@ -28,6 +28,9 @@ const RAYS: (u64, u64) = (16, 1 << 16);
 /// `MOST_LENIENT` times: small ones count less in any sum.
 const LENIENT_BELOW: f64 = 0.01;
 const MOST_LENIENT: f64 = 4.0;
+/// Where little is seen an exchange may be wrong by so many times the tolerance of itself, down to this share of the unobstructed one.
+const OF_SEEN: f64 = 5.0;
+const LEAST_SEEN: f64 = 1e-3;
 
 /// A_i F_ij [m²] with its error.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -121,10 +124,19 @@ impl Between<'_> {
         let panels: SmallVec<[[DVec3; 4]; 4]> = p.panels().collect();
         let coarse: SmallVec<[Sums; 4]> = panels.iter().map(|panel| over.rule(panel)).collect();
         let whole: f64 = coarse.iter().map(|s| s.whole).sum();
-        let mut total = Sums::default();
-        for (panel, coarse) in panels.iter().zip(coarse) {
-            total.add(over.refined(panel, coarse, tolerance * whole, DEEPEST));
-        }
+        let mut allowed = tolerance * whole;
+        let total = loop {
+            let mut total = Sums::default();
+            for (panel, coarse) in panels.iter().zip(&coarse) {
+                total.add(over.refined(panel, *coarse, allowed, DEEPEST));
+            }
+            // Of little that is seen, the error may be a larger share of it, but still a small one.
+            let of_seen = OF_SEEN * self.tolerance * total.seen.max(LEAST_SEEN * whole);
+            if allowed <= 1.5 * of_seen {
+                break total;
+            }
+            allowed = of_seen;
+        };
         let value = if total.whole > 0.0 { total.seen / total.whole } else { 1.0 };
         Transfer { value, error: if total.whole > 0.0 { total.error2.sqrt() / total.whole } else { 0.0 } }
     }

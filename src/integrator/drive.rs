@@ -118,7 +118,7 @@ pub fn drive(
             (film.with_error_over_noise(integrator.error_over_noise()), RayCounts::default())
         }
     };
-    film = film.filtered(integrator.is_filtered());
+    film = film.controlled(integrator.knows_beforehand()).filtered(integrator.is_filtered());
     let start = Start { wall: clocks.wall(), cpu: clocks.cpu(), passes: film.n_passes() };
     let mut index = film.n_passes();
     if index > 0 && fraction_done(budget, clocks, &start, &film) >= 1.0 {

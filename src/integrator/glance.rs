@@ -1,15 +1,21 @@
-//! Glances: camera rays that only look for emission.
+//! Glances: camera rays that light nothing.
 //!
-//! The edges of bright windows, lamps and their mirror images are most of the noise of a picture of an interior, and the cheapest part of it:
-//! a camera ray with its reflections costs a tenth of a sample that lights what it meets as well. So a sample may be joined by glances,
-//! which find what is emitted along other rays of the same pixel; emission is the mean over all of them, all else is the sample's alone.
+//! Edges within pixels, of bright windows, of lamps, of things and textures and of their mirror images, are most of the noise of a picture of an interior, and the
+//! cheapest part of it: a camera ray with its reflections costs a tenth of a sample that lights what it meets as well. So a sample may be joined by glances,
+//! which find what is emitted along other rays of the same pixel, and what pass one has stored for what they meet. Emission is the mean over all of
+//! them; what is stored is known beforehand of the rest ([`crate::film::Beforehand`]).
 
 use super::whitted::{Path, Trace};
 use super::{Frame, PassPlan, TwoPass, by_rows, start_in_half};
-use crate::film::{PixelSample, Quantity};
+use crate::film::{Beforehand, PixelSample, Quantity};
 use crate::math::{Rgb, sampler::mix};
 use crate::world::Stages;
 use crate::world::walk::RayCounts;
+
+/// What glances see as well as samples do.
+const SEEN: [Quantity; 5] = [Quantity::Albedo, Quantity::Normal, Quantity::Depth, Quantity::Radiosity, Quantity::Irradiance];
+
+type Layers = [Rgb; Quantity::ALL.len()];
 
 /// What a pass found in a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -17,7 +23,9 @@ pub struct Looked {
     /// Its samples.
     pub sample: PixelSample,
     /// Variance of the emission that one ray finds, averaged over channels, summed over the samples that had glances.
-    pub variance: f32,
+    pub emitted: f32,
+    /// The same of what pass one has stored for what a ray meets.
+    pub stored: f32,
     /// Number of samples that had glances.
     pub n: u32,
 }
@@ -25,7 +33,7 @@ pub struct Looked {
 impl<K: Stages> TwoPass<'_, K> {
     /// A pass of as many samples a pixel as `plan` says, with its glances.
     pub fn planned_pass(&self, frame: &Frame, plan: PassPlan<'_>) -> (Vec<Looked>, RayCounts) {
-        let nothing = Looked { sample: PixelSample::NONE, variance: 0.0, n: 0 };
+        let nothing = Looked { sample: PixelSample::NONE, emitted: 0.0, stored: 0.0, n: 0 };
         by_rows(frame, nothing, |pixel, counts| {
             let mut looked = nothing;
             let glances = u32::from(plan.glances[pixel]);
@@ -35,21 +43,30 @@ impl<K: Stages> TwoPass<'_, K> {
                 let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
                 self.radiance(&start.ray, Path::START, &mut trace);
                 let Trace { mut sample, seen, .. } = trace;
-                let mut found = Spread::of(seen);
+                let known = |layers: &Layers| layers[Quantity::Radiosity as usize];
+                let own = known(&sample.layers);
+                let (mut emitted, mut stored) = (Spread::of(seen), Spread::of(own));
                 for glance in 0..glances {
-                    found.add(self.glance(frame, plan.half, plan.glanced[pixel] + k * glances + glance, pixel, counts));
+                    let (seen, layers) = self.glance(frame, plan.half, plan.glanced[pixel] + k * glances + glance, pixel, counts);
+                    emitted.add(seen);
+                    stored.add(known(&layers));
+                    SEEN.iter().for_each(|layer| sample.layers[*layer as usize] += layers[*layer as usize]);
                 }
-                *sample.layer(Quantity::Direct) += found.mean();
+                let share = 1.0 / f64::from(1 + glances);
+                SEEN.iter().for_each(|layer| sample.layers[*layer as usize] = sample.layers[*layer as usize] * share);
+                *sample.layer(Quantity::Direct) += emitted.mean();
+                sample.known = Beforehand { own, change: stored.mean() - own };
                 looked.sample.add(&sample);
-                looked.variance += found.variance() as f32;
+                looked.emitted += emitted.variance() as f32;
+                looked.stored += stored.variance() as f32;
                 looked.n += u32::from(glances > 0);
             }
             looked
         })
     }
 
-    /// Emission along a ray through the pixel and its reflections.
-    fn glance(&self, frame: &Frame, half: u32, index: u32, pixel: usize, counts: &mut RayCounts) -> Rgb {
+    /// Emission along a ray through the pixel and its reflections, and what is seen by it.
+    fn glance(&self, frame: &Frame, half: u32, index: u32, pixel: usize, counts: &mut RayCounts) -> (Rgb, Layers) {
         // The rays of samples and glances are two sequences, independent of each other.
         let settings = super::IntegratorSettings { seed: mix(self.settings.seed ^ 0x6c_a2ce), ..self.settings };
         let start = start_in_half(self.world, &settings, frame, half, index, pixel);
@@ -59,9 +76,9 @@ impl<K: Stages> TwoPass<'_, K> {
         let mut trace = Trace::new(start.sampler, 0, start.index, counts);
         trace.glances = true;
         self.radiance(&start.ray, Path::START, &mut trace);
-        let seen = trace.seen;
+        let found = (trace.seen, trace.sample.layers);
         (counts.truncated, counts.truncated_weight) = cut;
-        seen
+        found
     }
 }
 

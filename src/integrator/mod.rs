@@ -124,6 +124,11 @@ pub trait Integrator: Sync {
         false
     }
 
+    /// True if its samples say what is known of the pixel beforehand ([`crate::film::Film::controlled`]).
+    fn knows_beforehand(&self) -> bool {
+        false
+    }
+
     /// Goes on where [`Self::state`] was taken, before its first pass here; false if the bytes make no sense.
     fn take_up(&mut self, state: &[u8]) -> bool {
         state.is_empty()

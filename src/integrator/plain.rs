@@ -32,22 +32,22 @@ impl<K: Stages> TwoPass<'_, K> {
         if met.front && shape.emits() {
             trace.seen += shape.emitted(crate::math::Vec2::ZERO);
         }
-        if trace.glances || !met.diffuse {
+        if !met.diffuse {
+            return;
+        }
+        if trace.glances {
+            self.plain_stored(&met, trace);
             return;
         }
         let si = self.world.flat_interaction(&met);
-        let Some(field) = self.field.filter(|_| self.settings.read_out == ReadOut::FinalGather) else {
+        if self.field.is_none() || self.settings.read_out != ReadOut::FinalGather {
             let shading = self.world.shading_by::<K>(&si);
             self.local(&si, &shading, 0.0, &path, trace);
             return;
-        };
+        }
         let (rho, normal) = (met.rho, met.normal);
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(rho, h);
-        *trace.sample.layer(Quantity::Albedo) += rho;
-        let patch = field.patch_on_flat(&met);
-        let stored = patch.map_or(Rgb::BLACK, |patch| field.accepted_of(patch));
-        *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
-        *trace.sample.layer(Quantity::Irradiance) += patch.map_or(Rgb::BLACK, |patch| field.irradiance_of(patch));
+        self.plain_stored(&met, trace);
         if limit < 2 || rho.is_black() {
             return;
         }
@@ -73,6 +73,16 @@ impl<K: Stages> TwoPass<'_, K> {
                 self.gather(&si, &shading, path.weight, 0, self.gather_rays(rho), trace);
             }
         }
+    }
+
+    /// What pass one knows of a wall.
+    #[inline(always)]
+    fn plain_stored(&self, met: &FlatHit, trace: &mut Trace<'_>) {
+        *trace.sample.layer(Quantity::Albedo) += met.rho;
+        let Some(field) = self.field else { return };
+        let Some(patch) = field.patch_on_flat(met) else { return };
+        *trace.sample.layer(Quantity::Radiosity) += RadiosityField::reflected_radiance(met.rho, field.accepted_of(patch));
+        *trace.sample.layer(Quantity::Irradiance) += field.irradiance_of(patch);
     }
 
     /// Radiance along one gather ray: as by [`super::final_gather`].

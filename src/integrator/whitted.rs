@@ -115,23 +115,36 @@ impl<K: Stages> TwoPass<'_, K> {
             let share = self.world.emission_share(&path.sight, ray.direction, &si);
             trace.seen += weight * shape.emitted(si.uv) * share;
         }
-        if !K::SPECULAR && trace.glances {
-            return;
-        }
         trace.counts.met::<K>();
         let shading = self.world.shading_by::<K>(&si);
         if !K::SPECULAR {
             if shading.has_diffuse() {
-                self.local(&si, &shading, 0.0, &path, trace);
+                if trace.glances {
+                    self.stored(&si, &shading, path.weight * shading.diffuse_reflectance(), trace);
+                } else {
+                    self.local(&si, &shading, 0.0, &path, trace);
+                }
             }
             return;
         }
         trace.counts.lobes += 1;
         let branches = self.branches(&shading, &path, trace);
-        if !trace.glances && (shading.has_diffuse() || shading.has_glossy()) {
+        if trace.glances {
+            self.stored(&si, &shading, path.weight * shading.diffuse_reflectance(), trace);
+        } else if shading.has_diffuse() || shading.has_glossy() {
             self.local(&si, &shading, branches.glossy, &path, trace);
         }
         branches::follow(self, &si, &shading, &branches, &path, trace);
+    }
+
+    /// What pass one knows of the diffuse part, seen with a weight and reflectance of `weight_rho`; gives the irradiance that it accepts [W/m²].
+    fn stored(&self, si: &SurfaceInteraction, shading: &Shading<'_>, weight_rho: Rgb, trace: &mut Trace<'_>) -> Option<Rgb> {
+        *trace.sample.layer(Quantity::Albedo) += weight_rho;
+        let field = self.field.filter(|_| shading.has_diffuse())?;
+        let [stored, irradiance] = field.accepted_and_whole(si);
+        *trace.sample.layer(Quantity::Radiosity) += RadiosityField::reflected_radiance(weight_rho, stored);
+        *trace.sample.layer(Quantity::Irradiance) += irradiance;
+        Some(stored)
     }
 
     /// I_local: what the diffuse and glossy parts reflect of the lights, and the diffuse part of everything else, by the chosen read-out
@@ -146,14 +159,10 @@ impl<K: Stages> TwoPass<'_, K> {
     ) {
         let Path { weight, depth, .. } = *path;
         let weight_rho = weight * shading.diffuse_reflectance();
-        *trace.sample.layer(Quantity::Albedo) += weight_rho;
         let limit = self.depth_limit();
         let reflect = |h: Rgb| RadiosityField::reflected_radiance(weight_rho, h);
         let mut read_out = self.settings.read_out;
-        if let Some(field) = self.field.filter(|_| shading.has_diffuse()) {
-            let [stored, irradiance] = field.accepted_and_whole(si);
-            *trace.sample.layer(Quantity::Radiosity) += reflect(stored);
-            *trace.sample.layer(Quantity::Irradiance) += irradiance;
+        if let (Some(field), Some(stored)) = (self.field, self.stored(si, shading, weight_rho, trace)) {
             if read_out == ReadOut::Stored && depth + 2 <= limit {
                 let shown = self.smooth.as_ref().map_or(stored, |smooth| smooth.irradiance(field, si));
                 *trace.sample.layer(Quantity::Indirect) += reflect(shown);

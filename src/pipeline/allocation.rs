@@ -46,8 +46,8 @@ pub(super) struct Allocation {
     glanced: [Vec<u32>; 2],
     /// Glances beside each sample, by pixel.
     glances: Vec<u8>,
-    /// Variance of the emission that one ray finds, summed over this many samples, by pixel.
-    emission: Vec<(f32, u32)>,
+    /// Variance of the emission that one ray finds, and of what is stored for what it meets, summed over this many samples, by pixel.
+    found: Vec<(f32, f32, u32)>,
     /// What the halves disagree by, as is usual for neighbouring pixels in common, over what each has for itself.
     shared_over_own: f64,
 }
@@ -67,7 +67,7 @@ impl Allocation {
             wanted: vec![0; n],
             glanced: [vec![0; n], vec![0; n]],
             glances: vec![glances; n],
-            emission: vec![(0.0, 0); n],
+            found: vec![(0.0, 0.0, 0); n],
             shared_over_own: 0.0,
         }
     }
@@ -88,8 +88,9 @@ impl Allocation {
         for (i, looked) in found.iter().enumerate() {
             self.taken[half][i] += looked.sample.n;
             self.glanced[half][i] += looked.sample.n * u32::from(self.glances[i]);
-            self.emission[i].0 += looked.variance;
-            self.emission[i].1 += looked.n;
+            self.found[i].0 += looked.emitted;
+            self.found[i].1 += looked.stored;
+            self.found[i].2 += looked.n;
         }
     }
 
@@ -115,8 +116,9 @@ impl Allocation {
         }
         let dark = ((DARK * level * level) as f32).max(f32::MIN_POSITIVE);
         let square = |i: usize| bright[i] * bright[i] + dark;
-        let looks = smooth(size, 1, |i| self.emission[i].1 as f32);
-        let emission = smooth(size, 1, |i| self.emission[i].0 / square(i));
+        let looks = smooth(size, 1, |i| self.found[i].2 as f32);
+        let of_glances = |i: usize| self.found[i].0 + film.gain(i) * film.gain(i) * self.found[i].1;
+        let emission = smooth(size, 1, |i| of_glances(i) / square(i));
         let emission: Vec<f32> = emission.iter().zip(&looks).map(|(e, n)| if *n > 0.0 { e / n } else { 0.0 }).collect();
         if film.n_passes() < 2 {
             // How unlike its neighbours a pixel is, whether by noise, an edge or a texture.
@@ -214,7 +216,8 @@ mod tests {
             sample
         };
         let samples: Vec<PixelSample> = (0..SIDE * SIDE).map(sample).collect();
-        let looked: Vec<Looked> = samples.iter().map(|&sample| Looked { sample, variance: 0.0, n: sample.n }).collect();
+        let looked: Vec<Looked> =
+            samples.iter().map(|&sample| Looked { sample, emitted: 0.0, stored: 0.0, n: sample.n }).collect();
         allocation.add(half, &looked);
         film.add_pass(index, &samples);
         f64::from(wanted.iter().sum::<u32>()) / (SIDE * SIDE) as f64

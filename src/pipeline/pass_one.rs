@@ -155,7 +155,6 @@ impl Whole {
     pub fn weighted(self, world: &World, weights: &[LampWeight]) -> PassOne {
         let Self { mut patches, form_factors, outside, lamps, summary, groups } = self;
         patches.measure_light(world);
-        patches.mark_idle(world);
         let scale: Vec<Rgb> = groups.iter().map(|group| weight_of(&group.lamp.name, weights)).collect();
         let field = assemble(patches, &lamps, &groups, &scale);
         let power = balance(world, &field, &outside);

@@ -407,6 +407,10 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
         }
     }
 
+    fn knows_beforehand(&self) -> bool {
+        self.pass_one.is_some()
+    }
+
     fn is_filtered(&self) -> bool {
         self.is_filtered
     }

@@ -1,6 +1,6 @@
 //! Pass one in a file: patches, form factors, direct light and solution, each with the key of what it depends on.
 //!
-//! The format, version 3. Numbers are little-endian.
+//! The format, version 4. Numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -17,6 +17,9 @@
 //! | length | the contents, in postcard's encoding of the types below |
 //! | 32 | BLAKE3 of tag, key, length and contents |
 //!
+//! Links between groups of patches are kept as two runs of bytes: for each link the other group in 2 bytes, 3 from 65,537 groups on, 4 from
+//! 16,777,217 on; and f32 transfers.
+//!
 //! `META`: [`Meta`]. `PTCH`: [`PatchMesh`]. `FORM`: ([`Stored`], [`Outside`]). `LAMP`: [`LampLight`], one for each lamp.
 //! `SOLN`: ([`SolutionSummary`], [`LightGroup`], one for each group).
 
@@ -26,13 +29,13 @@ use super::pass_one::{Kept, LightGroup, PassOne, PassOneSettings, SolutionSummar
 use crate::film::io::{WriteError, atomic_write};
 use crate::form_factor::{Outside, Stored};
 use crate::patch::PatchMesh;
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"TWOPASS\x1a";
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const TAGS: [&[u8; 4]; 5] = [b"META", b"PTCH", b"FORM", b"LAMP", b"SOLN"];
 
 /// With what settings the file was made.
@@ -167,7 +170,7 @@ impl SolutionFile {
         std::array::from_fn(|stage| self.sections[stage + 1].key == now[stage])
     }
 
-    fn section<T: DeserializeOwned>(&self, index: usize) -> Result<T, SolutionFileError> {
+    fn section<'a, T: Deserialize<'a>>(&'a self, index: usize) -> Result<T, SolutionFileError> {
         decode(self.contents(index), index).map_err(|kind| SolutionFileError { path: self.path.clone(), kind })
     }
 
@@ -238,7 +241,7 @@ fn encode<T: Serialize>(value: &T) -> Vec<u8> {
     postcard::to_stdvec(value).expect("plain arrays and numbers always have an encoding")
 }
 
-fn decode<T: DeserializeOwned>(contents: &[u8], index: usize) -> Result<T, SolutionFileFault> {
+fn decode<'a, T: Deserialize<'a>>(contents: &'a [u8], index: usize) -> Result<T, SolutionFileFault> {
     postcard::from_bytes(contents).map_err(|_| SolutionFileFault::Inconsistent(name(index)))
 }
 

@@ -15,8 +15,8 @@ use std::collections::HashMap;
 
 /// Radius around its middle in which a patch counts, in its own size: four to nine of them do at a point.
 const RADIUS: f32 = 1.6;
-/// Edge of the cells in which neighbours are looked for, in patch sizes: no less than the reach of a patch into one of twice its size.
-const CELL: f32 = RADIUS + 1.5;
+/// Edge of the cells in which neighbours are looked for, in patch sizes: no less than the reach of a patch into one of its size or smaller.
+const CELL: f32 = RADIUS + 0.75;
 /// Cosine of the sharpest bend that is no crease: 25 degrees.
 const CREASE: f32 = 0.9;
 /// Height above the surface at which two patches must see each other, in patch sizes.
@@ -48,20 +48,23 @@ impl Interpolation {
             cells.entry((level, cell(*centroid, level), *shape)).or_default().push(i as u32);
         }
         let above = |i: usize| patches.centroid[i] + patches.normal[i] * (HEIGHT * size[i]);
-        let together = |i: usize, j: usize| {
-            // Patch j counts within its radius; a point lies at most a patch's diagonal from its middle.
+        // Patch j counts within its radius; a point lies at most a patch's diagonal from its middle.
+        let is_reached = |i: usize, j: usize| {
             let reach = RADIUS * size[j] + 0.75 * size[i];
-            i == j
-                // What no light reaches or nobody sees may not have been solved for.
-                || (patches.is_idle(i) == patches.is_idle(j)
-                    && patches.centroid[i].distance_squared(patches.centroid[j]) < reach * reach
-                    && patches.normal[i].dot(patches.normal[j]) > CREASE
-                    && !world.occluded(&Ray::between(above(i), above(j))))
+            patches.centroid[i].distance_squared(patches.centroid[j]) < reach * reach
         };
+        // Where nothing hides a light nothing hides a patch either.
+        let may_hide = world.needs().visibility;
+        let together = |i: usize, j: usize| {
+            (patches.level(j), i) < (patches.level(i), j)
+                && (is_reached(i, j) || is_reached(j, i))
+                && patches.normal[i].dot(patches.normal[j]) > CREASE
+                && !(may_hide && world.occluded(&Ray::between(above(i), above(j))))
+        };
+        // Each pair is looked at once, from the smaller patch, or that of lower index.
         let of = |i: usize| {
             let mut near: Vec<u32> = Vec::new();
-            // Patches beside each other differ by one level: finer ones than that do not reach as far.
-            for level in 0..=patches.level(i) + 1 {
+            for level in 0..=patches.level(i) {
                 let [x, y, z] = cell(patches.centroid[i], level);
                 let offsets = (0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]);
                 let found = offsets.filter_map(|c| cells.get(&(level, c, shapes[i]))).flatten();
@@ -69,7 +72,19 @@ impl Interpolation {
             }
             near
         };
-        let neighbours = (0..patches.len()).into_par_iter().map(of).collect();
+        let later: Vec<Vec<u32>> = (0..patches.len()).into_par_iter().map(of).collect();
+        let mut neighbours: Vec<Vec<u32>> = (0..patches.len() as u32).map(|i| vec![i]).collect();
+        for (i, later) in later.iter().enumerate() {
+            for &j in later {
+                let j = j as usize;
+                if is_reached(i, j) {
+                    neighbours[i].push(j as u32);
+                }
+                if is_reached(j, i) {
+                    neighbours[j].push(i as u32);
+                }
+            }
+        }
         Self { neighbours, size }
     }
 

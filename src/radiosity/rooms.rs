@@ -22,13 +22,18 @@ const SAME_ROOM: f64 = 0.35;
 /// The transport over two bounces is squared so often.
 const SQUARINGS: u32 = 2;
 
+/// Place of what is not in a set.
+const NOWHERE: u32 = u32::MAX;
+
 /// The room of each patch of `set`, from 0 without gaps, and the number of rooms.
 pub(super) fn find(system: &RadiositySystem<'_>, set: &[usize]) -> (Vec<u8>, usize) {
     let mut room_of = vec![0; set.len()];
     if set.len() < FEWEST_PATCHES {
         return (room_of, 1);
     }
-    let landmarks = Landmarks::choose(system, set);
+    let mut place = vec![NOWHERE; system.len()];
+    set.iter().enumerate().for_each(|(at, &i)| place[i] = at as u32);
+    let landmarks = Landmarks::choose(system, set, &place);
     let (room_of_landmark, rooms) = landmarks.group();
     if rooms == 1 {
         return (room_of, 1);
@@ -39,8 +44,8 @@ pub(super) fn find(system: &RadiositySystem<'_>, set: &[usize]) -> (Vec<u8>, usi
     for (&landmark, &room) in landmarks.patch.iter().zip(&room_of_landmark) {
         let area = system.area[set[landmark]];
         system.form_factors.row(set[landmark], &mut |j, f| {
-            if let Ok(at) = set.binary_search(&j) {
-                seen[at][room] += (area * f.mean()) as f32;
+            if place[j] != NOWHERE {
+                seen[place[j] as usize][room] += (area * f.mean()) as f32;
             }
         });
     }
@@ -68,7 +73,8 @@ struct Landmarks {
 }
 
 impl Landmarks {
-    fn choose(system: &RadiositySystem<'_>, set: &[usize]) -> Self {
+    /// `place`: of each patch in the set.
+    fn choose(system: &RadiositySystem<'_>, set: &[usize], place: &[u32]) -> Self {
         let total: f64 = set.iter().map(|&i| system.area[i]).sum();
         let (mut patch, mut bin_of, mut bin_area) =
             (Vec::with_capacity(LANDMARKS), Vec::with_capacity(set.len()), vec![0.0; BINS]);
@@ -86,8 +92,8 @@ impl Landmarks {
         let light = |&at: &usize| {
             let mut sent = vec![0.0; BINS];
             system.form_factors.row(set[at], &mut |j, f| {
-                if let Ok(to) = set.binary_search(&j) {
-                    sent[bin_of[to]] += f.mean();
+                if place[j] != NOWHERE {
+                    sent[bin_of[place[j] as usize]] += f.mean();
                 }
             });
             sent

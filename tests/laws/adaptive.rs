@@ -146,10 +146,8 @@ fn interpolation_has_no_steps_where_sizes_change() {
         let (x, z) = (3.9 * f64::from(u.x) - 1.95, 3.9 * f64::from(u.y) - 1.95);
         let [here, there] = [at(x, z), at(x + 4e-4, z)];
         let [a, b] = [&here, &there].map(|si| field.patches.patch_at(si).expect("a patch").0 as usize);
-        if a == b {
-            continue;
-        }
         assert!(field.patches.level(a).abs_diff(field.patches.level(b)) <= 1, "levels at {x}, {z}");
+        // Within patches as well: it is where others begin to count that a step may be.
         step = step.max((smooth.irradiance(field, &here).g - smooth.irradiance(field, &there).g).abs());
         facet = facet.max((field.irradiance_of(a).g - field.irradiance_of(b).g).abs());
         largest = largest.max(field.irradiance_of(a).g);
@@ -185,6 +183,33 @@ fn interpolated_radiosity_does_not_leak_through_a_wall() {
             let dark = seen(DVec3::new(1.9, 0.9, 0.5), DVec3::new(1.05, 0.0, 0.5));
             let lit = seen(DVec3::new(0.1, 0.9, 0.5), DVec3::new(1.0, 0.0, 0.5));
             assert!(dark == 0.0 && lit > 0.1, "{method:?} {adaptive:?}: {dark} behind the wall, {lit} before it");
+        }
+    }
+}
+
+/// Two faces of one mesh that meet in a corner, in sight of each other: no patch of one counts on the other.
+#[test]
+fn interpolation_ends_at_a_corner() {
+    let mut room = Room::new(DVec3::new(0.5, 1.0, -1.5), DVec3::new(0.5, 0.2, 0.0), 4);
+    let (grey, black) = (room.grey(0.7), room.grey(0.0));
+    let positions = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.0, 0.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0)]
+        .map(|(x, y, z)| DVec3::new(x, y, z))
+        .to_vec();
+    // The floor looks up, the wall behind it towards -z.
+    let triangles = vec![[0, 2, 1], [0, 3, 2], [3, 5, 2], [3, 4, 5]];
+    room.add(SurfaceSource::Triangles(Triangles { positions, normals: Vec::new(), uvs: Vec::new(), triangles }), grey, 0.0);
+    room.quad(DVec3::new(0.3, 1.5, 0.3), DVec3::X * 0.4, DVec3::Z * 0.4, black, 10.0);
+    let world = World::new(room.scene(), AccelKind::default()).expect("a world");
+    let solved = solve(&world, 0.1, None);
+    let (patches, smooth) = (&solved.field.patches, Interpolation::new(&world, &solved.field));
+    let of_fold: Vec<usize> = (0..patches.len()).filter(|&i| patches.rho[i].g > 0.0).collect();
+    let floor = of_fold.iter().filter(|&&i| patches.normal[i].y > 0.9).count();
+    assert!(floor > 50 && of_fold.len() - floor > 50, "{floor} patches of {} on the floor", of_fold.len());
+    for &i in &of_fold {
+        assert!(smooth.neighbours(i).len() >= 4, "patch {i} is alone");
+        for &j in smooth.neighbours(i) {
+            let bend = patches.normal[i].dot(patches.normal[j as usize]);
+            assert!(bend > 0.9, "patches {i} and {j} share values over a corner");
         }
     }
 }

@@ -31,9 +31,12 @@ pub struct Errors {
     pub row_sum: f64,
     /// Root of the sum of squared errors over that of squares, of all F_ij.
     pub frobenius: f64,
-    /// Largest error of an A_i F_ij over what is exchanged with nothing between, and over itself where that is above a hundredth of it.
+    /// Largest error of an A_i F_ij over what is exchanged with nothing between, and over itself where that is above a hundredth of it. Shares
+    /// in the table are known to about 1e-5, which is a thousandth of such an entry.
     pub of_free: f64,
     pub of_entry: f64,
+    /// Over itself where that is above a thousandth.
+    pub of_small: f64,
     /// Largest F_ij, and ordered pairs above zero.
     pub largest: f64,
     pub pairs: usize,
@@ -129,7 +132,8 @@ impl Cubes {
         for (i, row) in rows.iter().enumerate() {
             row.iter().for_each(|(j, t)| (got[i * n + *j as usize], got[*j as usize * n + i]) = (t.value, t.value));
         }
-        let mut errors = Errors { row_sum: 0.0, frobenius: 0.0, of_free: 0.0, of_entry: 0.0, largest: 0.0, pairs: 0 };
+        let mut errors =
+            Errors { row_sum: 0.0, frobenius: 0.0, of_free: 0.0, of_entry: 0.0, of_small: 0.0, largest: 0.0, pairs: 0 };
         let (mut off, mut norm) = (0.0, 0.0);
         for i in 0..n {
             let (mut sum, area) = (0.0, self.squares[i].0.area());
@@ -143,6 +147,9 @@ impl Cubes {
                 if i < j && (found > 0.0 || want > 0.0) {
                     let free = self.squares[i].0.transfer(&self.squares[j].0, 1e-8);
                     errors.of_free = errors.of_free.max((found - want).abs() / free);
+                    if want > 0.001 * free {
+                        errors.of_small = errors.of_small.max((found / want - 1.0).abs());
+                    }
                     if want > 0.01 * free {
                         errors.of_entry = errors.of_entry.max((found / want - 1.0).abs());
                     }
@@ -156,15 +163,18 @@ impl Cubes {
 }
 
 /// All 654 x 654 within 2e-4 in the Frobenius norm, rows within 1e-4 of one before anything is corrected, no form factor above one. No exchange is off
-/// by more than the tolerance of what there is with nothing between, or four times that for small ones; entries of which next to nothing is visible
-/// may be off by more of themselves.
+/// by more than the tolerance of what there is with nothing between, or four times that for small ones; nor by more than a hundredth of itself, if more
+/// than a hundredth of it is visible.
 #[test]
 fn form_factors_past_a_cube_agree_with_a_million_segments_a_pair() {
     let cubes = Cubes::new();
-    let Errors { row_sum, frobenius, of_entry, of_free, largest, .. } = cubes.errors(&cubes.transfers(1e-3));
-    println!("rows {row_sum:.2e}, Frobenius {frobenius:.2e}, entry {of_entry:.2e}, of the unobstructed {of_free:.2e}");
+    let Errors { row_sum, frobenius, of_entry, of_small, of_free, largest, .. } = cubes.errors(&cubes.transfers(1e-3));
+    println!(
+        "rows {row_sum:.2e}, Frobenius {frobenius:.2e}, entry {of_entry:.2e}, faint ones {of_small:.2e}, of the unobstructed {of_free:.2e}"
+    );
     assert!(row_sum <= 1e-4, "a row sums to 1 but for {row_sum}");
     assert!(frobenius <= 2e-4, "{frobenius} in the Frobenius norm");
-    assert!(of_free <= 4e-3, "an exchange is off by {of_free} of the unobstructed one, {of_entry} of itself");
+    assert!(of_free <= 4e-3, "an exchange is off by {of_free} of the unobstructed one");
+    assert!(of_entry <= 1e-2, "an exchange is off by {of_entry} of itself");
     assert!(largest <= 1.0, "{largest}");
 }

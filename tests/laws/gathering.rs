@@ -3,11 +3,13 @@
 use crate::support::{Room, close};
 use glam::DVec3;
 use twopass::accel::AccelKind;
+use twopass::film::Film;
 use twopass::geometry::Ray;
 use twopass::integrator::caustic_map::{CausticMap, CausticSettings};
 use twopass::integrator::irradiance_cache::FillSettings;
 use twopass::integrator::{Frame, IntegratorSettings, PassPlan, ReadOut, TwoPass};
 use twopass::math::{SamplerKind, Vec3};
+use twopass::pipeline::{PassOneSettings, StageCosts, pass_one};
 use twopass::world::walk::RayCounts;
 use twopass::world::{DirectSampling, EmitterPartition, World};
 
@@ -157,7 +159,7 @@ fn glances_see_the_lamp_as_samples_do_and_oftener() {
         let plan = PassPlan { half: 0, taken: &none, wanted: &wanted, glanced: &none, glances: &glances };
         let (found, counts) = tracer.planned_pass(&frame, plan);
         let image: Vec<f64> = found.iter().map(|l| l.sample.radiance().g / f64::from(samples)).collect();
-        let variance: Vec<f64> = found.iter().map(|l| f64::from(l.variance) / f64::from(l.n.max(1))).collect();
+        let variance: Vec<f64> = found.iter().map(|l| f64::from(l.emitted) / f64::from(l.n.max(1))).collect();
         (image, variance, [counts.camera, counts.glance])
     };
     // The plane of the lamp is 4 wide in the picture.
@@ -178,4 +180,50 @@ fn glances_see_the_lamp_as_samples_do_and_oftener() {
     let told: f64 = variance.iter().sum();
     let right: f64 = exact.iter().map(|c| c * (1.0 - c)).sum();
     assert!((told / right - 1.0).abs() < 0.15, "variances of a ray add up to {told}, expected {right}");
+}
+
+/// Strips of dark and bright floor that run across pixels, under a lamp: what pass one has stored for them, looked up along three more rays beside each
+/// sample, takes most of the noise of their edges away, and the mean stays.
+#[test]
+fn glances_see_what_is_stored_for_the_edges_of_things() {
+    const SIDE: usize = 32;
+    let mut room = Room::new(DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, SIDE);
+    let floors = [room.grey(0.1), room.grey(0.8)];
+    let black = room.grey(0.0);
+    let (sin, cos) = 0.3_f64.sin_cos();
+    let (along, across) = (DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0));
+    for k in 0..24 {
+        let corner = along * -4.0 + across * (-4.0 + f64::from(k) / 3.0);
+        room.quad(corner, along * 8.0, across / 3.0, floors[k as usize % 2], 0.0);
+    }
+    // Seen by no camera ray, and small, so that shadow rays find little noise.
+    room.quad(DVec3::new(-0.1, -0.1, 4.0), DVec3::Y * 0.2, DVec3::X * 0.2, black, 100.0);
+    let world = World::new(room.scene(), AccelKind::Obvhs).expect("builds");
+    let (mut watch, mut counts) = (StageCosts::default(), RayCounts::default());
+    let asked = PassOneSettings::default();
+    let solved = pass_one::solve(&world, &asked, 1, &mut watch, &mut counts, &mut |_| std::ops::ControlFlow::Continue(()));
+    let solved = solved.expect("solves");
+    let mut tracer = tracer(&world, SamplerKind::Independent);
+    (tracer.field, tracer.settings.read_out) = (Some(&solved.field), ReadOut::DirectStored);
+    let frame = Frame::whole(SIDE, SIDE);
+    let n = SIDE * SIDE;
+    let shot = |samples: u32, glances: u8, is_controlled: bool| {
+        let mut film = Film::new(SIDE, SIDE).controlled(is_controlled);
+        for half in 0..2 {
+            let (none, wanted, glances) = (vec![0; n], vec![samples; n], vec![glances; n]);
+            let plan = PassPlan { half, taken: &none, wanted: &wanted, glanced: &none, glances: &glances };
+            let samples: Vec<_> = tracer.planned_pass(&frame, plan).0.iter().map(|looked| looked.sample).collect();
+            film.add_pass(half, &samples);
+        }
+        film.image().pixels().iter().map(|p| f64::from(p[1])).collect::<Vec<f64>>()
+    };
+    let exact = shot(1024, 0, false);
+    let error = |image: &[f64]| image.iter().zip(&exact).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+    let (alone, joined) = (shot(2, 3, false), shot(2, 3, true));
+    // Four rays for one leave a quarter of the noise of edges, which is nearly all.
+    let gain = error(&alone) / error(&joined);
+    assert!((2.5..5.0).contains(&gain), "the squared error with what is stored is that without over {gain}, expected nearly 4");
+    let sums: Vec<f64> = [&alone, &joined, &exact].map(|image| image.iter().sum()).to_vec();
+    let standard_error = error(&joined).sqrt();
+    assert!((sums[1] - sums[2]).abs() < 4.0 * standard_error, "{sums:?}, standard error {standard_error}");
 }

@@ -2,8 +2,15 @@
 
 use super::cli::Place;
 use std::path::Path;
+use twopass::accel::AccelKind;
 use twopass::film::io::read_exr;
+use twopass::load::{LoadOptions, load_scene};
+use twopass::math::Rgb;
+use twopass::pipeline::LampWeight;
+use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::solution_file::SolutionFile;
 use twopass::run_report::RunReport;
+use twopass::world::World;
 
 const QUICK: &str = "--patch-size 0.25 --tolerance 0.05 --solver-tolerance 1e-9";
 
@@ -180,7 +187,32 @@ fn many_lamps_and_textured_ones_are_weighted_too() {
         let alone = picture(&format!("{}--light {name}=1e6", all("1e-6")));
         sum.iter_mut().zip(alone).for_each(|(sum, value)| *sum += value);
     }
-    // Interpolation keeps within what patches around a point have, which is no linear law, but hardly ever at work.
+    // So it is in every patch.
+    let patches_of = |weights: &[LampWeight]| {
+        let scene = load_scene(&place.path("room.xml"), &LoadOptions::default()).expect("a scene").scene;
+        let world = World::new(scene, AccelKind::default()).expect("a world");
+        let file = SolutionFile::read(&place.path("room.sol")).expect("a solution");
+        let keys = StageKeys::of(world.scene(), &file.meta.settings, file.meta.seed);
+        let field = file.whole(&keys).expect("of this scene").weighted(&world, weights).field;
+        (0..field.patches.len()).map(|i| field.irradiance_of(i)).collect::<Vec<Rgb>>()
+    };
+    let all_patches = patches_of(&[]);
+    let mut by_lamp = vec![Rgb::BLACK; all_patches.len()];
+    for name in &names {
+        let weight =
+            |other: &String| LampWeight { name: other.clone(), factor: Rgb::grey(if other == name { 1.0 } else { 0.0 }) };
+        let alone = patches_of(&names.iter().map(weight).collect::<Vec<_>>());
+        by_lamp.iter_mut().zip(alone).for_each(|(sum, value)| *sum += value);
+    }
+    for (a, b) in all_patches.iter().zip(&by_lamp) {
+        assert!((*a - *b).map(f64::abs).max() <= 1e-12 * a.max(), "{a:?} of all in a patch, {b:?} one by one");
+    }
+    // Interpolation keeps within what patches around a point have, which is no linear law: beside a lamp it cuts off what the plane of its light alone
+    // overshoots by, where the light of all may not. Without that bound no value was off by more than 7.2e-6. With it those few are, the others
+    // are as close, and the mean is.
+    let mut apart: Vec<f32> = whole.iter().zip(&sum).map(|(a, b)| (a - b).abs() / a.abs().max(1e-3)).collect();
+    apart.sort_by(f32::total_cmp);
+    assert!(apart[apart.len() * 9 / 10] <= 1e-4, "{} apart in a tenth of the picture", apart[apart.len() * 9 / 10]);
     let mean = |of: &[f32]| of.iter().map(|v| f64::from(*v)).sum::<f64>() / of.len() as f64;
     let (together, one_by_one) = (mean(&whole), mean(&sum));
     assert!((together / one_by_one - 1.0).abs() < 2e-3, "{together} of all, {one_by_one} one by one");

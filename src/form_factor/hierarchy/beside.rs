@@ -5,8 +5,7 @@
 
 use super::HierarchySettings;
 use super::tree::Tree;
-use crate::form_factor::outside::{Outside, OutsideRow};
-use crate::form_factor::ray_cast::again;
+use crate::form_factor::outside::{Outside, OutsideRow, Walked, Walks};
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
 use crate::patch::{PatchId, PatchMesh};
 use crate::world::sight::{Origin, cosine_density};
@@ -60,18 +59,6 @@ struct Cast {
     /// Variance of the mean of what arrived, averaged over channels [W² m⁻⁴ sr⁻²].
     noise: f64,
     counts: RayCounts,
-}
-
-/// Sums over rays of one kind.
-#[derive(Default, Clone, Copy)]
-struct Sums {
-    escaped: Rgb,
-    truncated: Rgb,
-    passed_on: Rgb,
-    passed_out: Rgb,
-    arriving: Rgb,
-    accepted: Rgb,
-    arriving_again: Rgb,
 }
 
 impl Beside {
@@ -267,7 +254,7 @@ fn cast_group(
     let (first, last) = (node.first as usize, (node.first + node.count) as usize);
     let before = if first == 0 { 0.0 } else { tree.running[first - 1] };
     let mut cast = Cast::default();
-    let mut sums = [Sums::default(); 2];
+    let mut sums = [Walks::default(); 2];
     let mut entries: [Vec<(u32, Rgb)>; 2] = Default::default();
     let mut elsewhere = 0_u32;
     let (mut light, mut squared) = (0.0, 0.0);
@@ -282,11 +269,9 @@ fn cast_group(
         let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
         let sight =
             Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling: DirectSampling::OF_PATCHES });
-        let (mut found, mut found_again) = (Rgb::BLACK, Rgb::BLACK);
+        let mut walk = Walked::default();
         // 0: past what is no patch; 1: off a patch.
         let mut way = 0;
-        // Patches met so far: what comes from beyond them has fallen on them.
-        let mut met = 0;
         let counts = &mut cast.counts;
         world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
@@ -296,54 +281,33 @@ fn cast_group(
                 } else {
                     if let Some(j) = patch {
                         entries[way].push((j.0, throughput));
-                        sums[way].passed_on += throughput * again(met);
+                        sums[way].arrive(&walk, throughput);
                     }
                     if at.front {
-                        let light = throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share;
-                        found += light;
-                        found_again += light * again(met);
+                        walk.find(throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share);
                     }
                 }
-                met += u32::from(patch.is_some());
+                if patch.is_some() {
+                    walk.meet_patch();
+                }
             }
-            Event::Lit { radiance, .. } => {
-                found += radiance;
-                found_again += radiance * again(met);
-            }
+            Event::Lit { radiance, .. } => walk.find(radiance),
             Event::Escaped { direction, throughput, share, .. } => {
-                sums[way].escaped += throughput;
-                sums[way].passed_out += throughput * again(met);
-                let light = throughput * world.scene().escaped_radiance(direction) * share;
-                found += light;
-                found_again += light * again(met);
+                sums[way].escape(&walk, throughput);
+                walk.find(throughput * world.scene().escaped_radiance(direction) * share);
             }
-            Event::Truncated { throughput } => {
-                sums[way].truncated += throughput;
-                sums[way].passed_out += throughput * again(met);
-            }
+            Event::Truncated { throughput } => sums[way].truncate(&walk, throughput),
         });
         elsewhere += u32::from(way == 0);
-        light += found.mean();
-        squared += found.mean() * found.mean();
-        if !found.is_black() {
-            sums[way].arriving += found;
-            sums[way].arriving_again += found_again;
-            sums[way].accepted += found * world.shading(&from).acceptance(direction);
-        }
+        let found = sums[way].add_light(&walk, || world.shading(&from).acceptance(direction)).mean();
+        light += found;
+        squared += found * found;
     }
     let share = 1.0 / f64::from(rays);
     cast.noise = (squared * share - (light * share).powi(2)).max(0.0) * share;
     let narrow = |v: Rgb| (v * share).to_array().map(|v| v as f32);
     cast.seen.elsewhere = f64::from(elsewhere) * share;
-    cast.seen.parts = sums.map(|s| OutsideRow {
-        escaped: narrow(s.escaped),
-        truncated: narrow(s.truncated),
-        passed_on: narrow(s.passed_on),
-        passed_out: narrow(s.passed_out),
-        arriving: s.arriving * share,
-        accepted: s.accepted * share,
-        arriving_again: s.arriving_again * share,
-    });
+    cast.seen.parts = sums.map(|s| s.row(rays));
     cast.entries = entries.map(|mut found| {
         found.sort_by_key(|e| e.0);
         let sum = |same: &[(u32, Rgb)]| (same[0].0, narrow(same.iter().map(|e| e.1).sum::<Rgb>()));

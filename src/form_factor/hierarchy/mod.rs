@@ -282,20 +282,28 @@ impl FormFactors for Hierarchy {
 
     fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
         let patch = |place: u32| self.patch[place as usize] as usize;
-        // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first.
-        let mut joined = 0;
+        // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first. `block`: its number,
+        // of each node.
+        let (mut joined, mut blocks) = (0, 0_u32);
+        let mut block = vec![u32::MAX; self.nodes.len()];
         for (at, node) in self.nodes.iter().enumerate() {
-            let (others, _) = self.by_node.of(at);
-            if others.is_empty() {
-                continue;
-            }
-            if node.first >= joined {
+            if node.first >= joined && !self.by_node.of(at).0.is_empty() {
                 joined = node.first + node.count;
+                blocks += 1;
                 (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
             }
-            // Each link is one of both its nodes.
-            let from_here = others.iter().filter(|&&other| other as usize >= at);
-            from_here.for_each(|&other| pair(patch(node.first), patch(self.nodes[other as usize].first)));
+            block[at] = if node.first < joined { blocks } else { u32::MAX };
+        }
+        // Each link is one of both its nodes. Most lead to where another has led.
+        let mut last = vec![u32::MAX; blocks as usize + 1];
+        for (at, node) in self.nodes.iter().enumerate() {
+            for &other in self.by_node.of(at).0 {
+                let (here, there) = (block[at], block[other as usize]);
+                if here < there && last[there as usize] != here {
+                    last[there as usize] = here;
+                    pair(patch(node.first), patch(self.nodes[other as usize].first));
+                }
+            }
         }
         self.beside.join(&self.patch, pair);
     }

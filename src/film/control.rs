@@ -1,0 +1,193 @@
+//! Image-space control variates [Rousselle16]: what is known beforehand of the light along a sample's ray, and along more rays of its pixel.
+//!
+//! A camera ray that only looks up what is stored for the surface that it meets costs little. Where edges and textures lie within a pixel,
+//! what is stored varies as the radiance does, so a pixel becomes R + g (M - Z): R the mean of its samples, Z that of what is
+//! stored along their rays, M that of what is stored along all of its rays. Right in the mean for any g; the g that leaves the least
+//! variance is how R goes with Z, which the two halves of the film tell: where one half has found more than the other of what is
+//! stored, how much more has it found of the light? M and Z become the same as samples are added, so that the little that is wrong by
+//! taking g from the same samples vanishes faster than the noise.
+
+use super::{Film, filter};
+use crate::math::Rgb;
+use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
+
+/// The gain of a pixel is that of the pixels at most this far away in each direction.
+const AROUND: usize = 2;
+/// Weight of a gain of 1 beside what the halves tell of a pixel's gain.
+const PRIOR: f32 = 0.1;
+
+/// What is known beforehand, summed over the samples of a pixel.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Beforehand {
+    /// Along the rays of the samples.
+    pub own: Rgb,
+    /// Mean along these and more rays, less that.
+    pub change: Rgb,
+}
+
+impl Beforehand {
+    /// Nothing is known.
+    pub const NOTHING: Self = Self { own: Rgb::BLACK, change: Rgb::BLACK };
+
+    /// Takes what is known of other samples in.
+    #[inline]
+    pub fn add(&mut self, other: &Self) {
+        self.own += other.own;
+        self.change += other.change;
+    }
+}
+
+/// The same of all pixels, by half.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Control {
+    own: [Vec<Rgb>; 2],
+    change: [Vec<Rgb>; 2],
+    /// By pixel, once they were asked for.
+    #[serde(skip)]
+    gains: OnceLock<Vec<f32>>,
+}
+
+impl Control {
+    pub fn new(n: usize) -> Self {
+        let none = || [vec![Rgb::BLACK; n], vec![Rgb::BLACK; n]];
+        Self { own: none(), change: none(), gains: OnceLock::new() }
+    }
+
+    pub fn add(&mut self, half: usize, pixel: usize, known: &Beforehand) {
+        self.own[half][pixel] += known.own;
+        self.change[half][pixel] += known.change;
+        self.gains.take();
+    }
+
+    /// What is to be added to the sum of the samples of one half.
+    #[inline]
+    pub fn correction(&self, film: &Film, half: usize, pixel: usize) -> Rgb {
+        self.change[half][pixel] * f64::from(self.gain(film, pixel))
+    }
+
+    /// How the light of a pixel goes with what is known of it, from 0 to 1; 1 until both halves tell.
+    #[inline]
+    pub fn gain(&self, film: &Film, pixel: usize) -> f32 {
+        self.gains.get_or_init(|| self.gains_of(film))[pixel]
+    }
+
+    fn gains_of(&self, film: &Film) -> Vec<f32> {
+        let n = film.width * film.height;
+        let unit = film.unit();
+        let (mut both, mut alone) = (vec![0.0; n], vec![0.0; n]);
+        for i in 0..n {
+            let [a, b] = [0, 1].map(|half: usize| f64::from(film.taken[half][i]));
+            if a * b == 0.0 {
+                continue;
+            }
+            let difference = |halves: &[Vec<Rgb>; 2]| halves[0][i] / a - halves[1][i] / b;
+            let (found, known) = (difference(&film.halves), difference(&self.own));
+            let weight = a * b / (a + b);
+            let (found, known) = (found / unit, known / unit);
+            both[i] = ((found * known).mean() * weight) as f32;
+            alone[i] = ((known * known).mean() * weight) as f32;
+        }
+        let size = [film.width, film.height];
+        let (both, alone) = (filter::around(size, &both, AROUND), filter::around(size, &alone, AROUND));
+        let gain = |(both, alone): (&f32, &f32)| {
+            let gain = (both + PRIOR * alone) / ((1.0 + PRIOR) * alone);
+            if gain.is_finite() { gain.clamp(0.0, 1.0) } else { 1.0 }
+        };
+        both.iter().zip(&alone).map(gain).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::{Image, PixelSample, Quantity};
+    use crate::math::{Sampler, sampler::mix};
+
+    const SIDE: usize = 32;
+    /// Rays beside each sample.
+    const MORE: u32 = 7;
+
+    /// A film of so many samples a pixel and half. Along each ray 1 or 3 is known, as on either side of an edge through the pixel, and `found` is the light,
+    /// by what is known and a random number about 0.
+    fn film(passes: u32, seed: u64, is_controlled: bool, found: impl Fn(f64, f64) -> f64) -> Film {
+        let mut film = Film::new(SIDE, SIDE).controlled(is_controlled);
+        for index in 0..2 * passes {
+            let samples: Vec<PixelSample> = (0..SIDE * SIDE)
+                .map(|i| {
+                    let mut random = Sampler::new(seed, mix(i as u64 ^ mix(index.into())), 0);
+                    let mut known = || if random.next_1d() < 0.5 { 1.0 } else { 3.0 };
+                    let own: f64 = known();
+                    let all = own + (0..MORE).map(|_| known()).sum::<f64>();
+                    let mut sample = PixelSample::default();
+                    *sample.layer(Quantity::Indirect) = Rgb::grey(found(own, f64::from(random.next_1d()) - 0.5));
+                    sample.known = Beforehand { own: Rgb::grey(own), change: Rgb::grey(all / f64::from(1 + MORE) - own) };
+                    sample
+                })
+                .collect();
+            film.add_pass(index, &samples);
+        }
+        film
+    }
+
+    /// Mean error and mean squared error.
+    fn errors(image: &Image, right: f64) -> [f64; 2] {
+        let n = (SIDE * SIDE) as f64;
+        let of = |power: i32| image.pixels().iter().map(|p| (f64::from(p[1]) - right).powi(power)).sum::<f64>() / n;
+        [of(1), of(2)]
+    }
+
+    /// Light that is what is known, and a little noise: what is left of the variance of the edge is an eighth, by eight rays for one.
+    #[test]
+    fn edges_that_are_known_are_seen_by_all_rays() {
+        let found = |known: f64, noise: f64| known + noise;
+        let errors_of = |is_controlled: bool| errors(&film(1, 1, is_controlled, found).unfiltered(), 2.0);
+        let ([_, alone], [mean, controlled]) = (errors_of(false), errors_of(true));
+        // A variance of 1 for the edge and 1/12 for the noise, over two samples.
+        let expected = (1.0 / 8.0 + 1.0 / 12.0) / (1.0 + 1.0 / 12.0);
+        assert!((controlled / alone / expected - 1.0).abs() < 0.25, "{controlled} of {alone}, expected a share of {expected}");
+        let standard_error = (controlled / (SIDE * SIDE) as f64).sqrt();
+        assert!(mean.abs() < 4.0 * standard_error, "the mean is off by {mean}, its standard error {standard_error}");
+    }
+
+    /// Light that falls where what is known rises, or has nothing to do with it: the gain is next to none.
+    #[test]
+    fn what_is_known_wrongly_does_little_harm() {
+        let against = |known: f64, noise: f64| 4.0 - known + noise;
+        let beside = |_: f64, noise: f64| 2.0 + 2.0 * noise;
+        for found in [&against as &dyn Fn(f64, f64) -> f64, &beside] {
+            for passes in [1, 8] {
+                let error_of = |is_controlled: bool| errors(&film(passes, 2, is_controlled, found).unfiltered(), 2.0)[1];
+                let (alone, controlled) = (error_of(false), error_of(true));
+                assert!(controlled < 1.15 * alone, "{controlled} instead of {alone} after {passes} passes");
+            }
+        }
+    }
+
+    /// Light that goes half as far as what is known: so does the gain, but for what is expected of it beforehand.
+    #[test]
+    fn the_gain_is_how_light_goes_with_what_is_known() {
+        let film = film(64, 3, true, |known, noise| 0.5 * known + noise);
+        let mean = (0..SIDE * SIDE).map(|i| f64::from(film.gain(i))).sum::<f64>() / (SIDE * SIDE) as f64;
+        let expected = (0.5 + f64::from(PRIOR)) / (1.0 + f64::from(PRIOR));
+        assert!((mean - expected).abs() < 0.02, "{mean}, expected {expected}");
+    }
+
+    #[test]
+    fn no_pixel_is_shown_below_black_and_a_power_of_two_changes_no_bit() {
+        let dark = film(1, 4, true, |known, _| 0.05 * known);
+        assert!((0..SIDE * SIDE).any(|i| dark.half_mean(0, i).g < 0.0), "a pixel whose sample found less than is known");
+        assert!(dark.image().pixels().iter().flatten().all(|v| *v >= 0.0));
+        let scaled = |scale: f64| {
+            let mut film = Film::new(2, 2).controlled(true);
+            for (index, [own, found]) in [[1.0, 1.2], [3.0, 2.9]].into_iter().enumerate() {
+                let mut sample = PixelSample::default();
+                *sample.layer(Quantity::Direct) = Rgb::grey(scale * found);
+                sample.known = Beforehand { own: Rgb::grey(scale * own), change: Rgb::grey(scale * (2.0 - own)) };
+                film.add_pass(index as u32, &[sample; 4]);
+            }
+            film.image().at(0, 0)[0]
+        };
+        assert_eq!(scaled(1.0) * 2.0_f32.powi(100), scaled(2.0_f64.powi(100)));
+    }
+}
