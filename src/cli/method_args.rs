@@ -1,6 +1,8 @@
 //! Flags of single methods. A method that does not know a flag does not look at it.
 
-use super::values::{parse_count, parse_from_zero, parse_heuristic, parse_positive, parse_reflections, parse_share, parse_whole};
+use super::values::{
+    parse_count, parse_from_zero, parse_heuristic, parse_positive, parse_reflections, parse_share, parse_switch, parse_whole,
+};
 use twopass::integrator::PathFilter;
 use twopass::integrator::bidirectional::Heuristic;
 
@@ -43,4 +45,7 @@ pub struct MethodArgs {
     /// path: only light paths that match, such as LS+DE: L lamp, D diffuse or rough, S ideal mirror or glass, M a flat mirror, E eye
     #[arg(long, value_name = "REGEX", value_parser = PathFilter::new, allow_hyphen_values = true, help_heading = "Single methods")]
     pub paths: Option<PathFilter>,
+    /// path: pixels of a tile lend each other what their paths find after the first bounce: on, off; never with --paths
+    #[arg(long, value_name = "ON", default_value = "on", action = clap::ArgAction::Set, value_parser = parse_switch, help_heading = "Single methods")]
+    pub path_lending: bool,
 }

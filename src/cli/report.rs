@@ -53,7 +53,8 @@ pub fn set_pass_one(report: &mut RunReport, args: &PassOneArgs) {
 
 /// Rays of all kinds.
 pub fn rays(counts: &RayCounts) -> u64 {
-    counts.camera + counts.glance + counts.shadow + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
+    let tested = counts.shadow + counts.connected;
+    counts.camera + counts.glance + tested + counts.gather + counts.form_factor + counts.reflected + counts.transmitted
 }
 
 /// Adds what rays and stages cost.
@@ -73,6 +74,7 @@ pub fn add_costs(report: &mut RunReport, stages: &[StageCost], counts: &RayCount
         ("gather_rays", counts.gather),
         ("form_factor_rays", counts.form_factor),
         ("idle_rays", counts.idle),
+        ("connecting_rays", counts.connected),
         ("reflected_rays", counts.reflected),
         ("transmitted_rays", counts.transmitted),
         ("truncated_rays", counts.truncated),

@@ -7,6 +7,7 @@ use super::metropolis::{Metropolis, MetropolisSettings};
 use super::photon::{PhotonMapper, Sppm};
 use super::{Integrator, IntegratorSettings, PathFilter, ReadOut, TwoPass, path, radiosity_view};
 use crate::radiosity::{Interpolation, RadiosityField};
+use crate::world::lamps::Lamps;
 use crate::world::plane_mirrors::PlaneMirrors;
 use crate::world::{Stages, World};
 use serde::{Deserialize, Serialize};
@@ -182,8 +183,8 @@ impl Method {
                 "L(S|D)*E",
                 Unbiased,
                 false,
-                "one random path a sample, no first pass; poor at caustics of small lamps",
-                "Kajiya86, Veach95",
+                "one random path a sample, lent to neighbours, no first pass; poor at caustics of small lamps",
+                "Kajiya86, Veach95, Bekaert02",
             ),
             Method::Light => row(
                 "light",
@@ -310,7 +311,9 @@ impl Method {
                 let filter = methods.paths.clone();
                 // Only words with letters need to know which mirrors are flat.
                 let mirrors = filter.as_ref().map(|_| PlaneMirrors::find(world));
-                Box::new(path::PathTracer::<K> { world, settings, filter, mirrors, stages })
+                let lamps = Lamps::of(world);
+                let lends = filter.is_none() && !methods.single_paths;
+                Box::new(path::PathTracer::<K> { world, settings, filter, lends, mirrors, lamps, stages })
             }
             Method::Light => Box::new(LightTracer::new(world, settings)),
             Method::Bidirectional => Box::new(Bidirectional::new(world, settings, methods.heuristic)),
@@ -353,4 +356,6 @@ pub struct MethodSettings {
     pub metropolis: MetropolisSettings,
     /// Of path: which light paths count; `None`: all.
     pub paths: Option<PathFilter>,
+    /// Of path: no pixel lends its paths to others.
+    pub single_paths: bool,
 }

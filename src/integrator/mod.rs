@@ -13,6 +13,7 @@ pub mod method;
 pub mod metropolis;
 pub mod path;
 mod path_filter;
+mod path_tiles;
 pub mod photon;
 mod plain;
 pub mod radiosity_view;

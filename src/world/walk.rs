@@ -47,6 +47,8 @@ pub struct RayCounts {
     pub truncated: u64,
     /// Rays of particles from lamps.
     pub particle: u64,
+    /// Rays between vertices of the paths of two pixels.
+    pub connected: u64,
     /// Weight of what the depth limit cut from camera paths, in units of 2^-32: an integer, so that its sum has no order.
     pub truncated_weight: u64,
 }
@@ -69,6 +71,7 @@ impl std::ops::AddAssign for RayCounts {
         self.idle += o.idle;
         self.truncated += o.truncated;
         self.particle += o.particle;
+        self.connected += o.connected;
         self.truncated_weight += o.truncated_weight;
     }
 }

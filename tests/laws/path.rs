@@ -3,7 +3,7 @@
 use crate::support::{Room, furnace, quick, run};
 use glam::DVec3;
 use twopass::film::Quantity;
-use twopass::integrator::{Method, ReadOut};
+use twopass::integrator::{Method, PathFilter, ReadOut};
 use twopass::math::SamplerKind;
 use twopass::pipeline::{PipelineError, RenderSettings, StageCosts, render_world};
 
@@ -11,18 +11,69 @@ fn settings(spp: u32) -> RenderSettings {
     RenderSettings { method: Method::Path, ..quick(spp, 1.0) }
 }
 
-/// In a uniform enclosure every path of n edges brings 1 + rho + ... + rho^(n-1), whatever its directions; roulette begins later.
+/// In a uniform enclosure every path of n edges brings 1 + rho + ... + rho^(n-1), whatever its directions; roulette begins later. Single paths
+/// bring it to each pixel; where neighbours lend each other paths, each of these is shared out without rest, so each tile of 4 by 2 pixels has it.
 #[test]
 fn paths_in_the_furnace_sum_the_geometric_series() {
-    for (rho, depth) in [(0.5, 1), (0.5, 2), (0.9, 3), (0.9, 5)] {
-        let rendered = run(furnace(rho).scene(), &RenderSettings { max_depth: Some(Some(depth)), ..settings(2) });
-        assert!(rendered.pass_one.is_none() && rendered.read_out.is_none(), "path tracing has no first pass");
+    for (rho, depth) in [(0.5_f64, 1), (0.5, 2), (0.9, 3), (0.9, 5)] {
         let want: f64 = (0..depth as i32).map(|k| rho.powi(k)).sum();
-        for pixel in rendered.film.image().pixels() {
+        let mut settings = RenderSettings { max_depth: Some(Some(depth)), ..settings(2) };
+        let rendered = run(furnace(rho).scene(), &settings);
+        assert!(rendered.pass_one.is_none() && rendered.read_out.is_none(), "path tracing has no first pass");
+        let image = rendered.film.image();
+        for y in (0..image.height()).step_by(2) {
+            for x in (0..image.width()).step_by(4) {
+                let tile = (0..8).map(|k| f64::from(image.at(x + k % 4, y + k / 4)[1]));
+                let got = tile.sum::<f64>() / 8.0;
+                assert!((got / want - 1.0).abs() < 1e-6, "rho {rho}, {depth} edges: {got}, expected {want}");
+            }
+        }
+        settings.methods.single_paths = true;
+        for pixel in run(furnace(rho).scene(), &settings).film.image().pixels() {
             let got = f64::from(pixel[1]);
-            assert!((got / want - 1.0).abs() < 1e-6, "rho {rho}, {depth} edges: {got}, expected {want}");
+            assert!((got / want - 1.0).abs() < 1e-6, "rho {rho}, {depth} edges, alone: {got}, expected {want}");
         }
     }
+}
+
+/// What neighbours lend has the mean of single paths, in each pixel. Where they do not see the same, a path that is counted by those that do
+/// not see where it ends would darken borders: an opaque sheet stands between the walls that neighbours look at.
+#[test]
+fn lent_paths_have_the_mean_of_single_ones() {
+    let mut room = Room::new(DVec3::new(0.0, 0.0, -0.9), DVec3::ZERO, 8);
+    let (light, dark) = (room.grey(0.8), room.grey(0.3));
+    room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [light; 6], [0.0; 6]);
+    room.quad(DVec3::new(-0.9, 0.9, -0.5), DVec3::X * 0.4, DVec3::Z * 0.4, dark, 10.0);
+    room.quad(DVec3::new(0.07, -0.9, -0.2), DVec3::Y * 1.6, DVec3::new(0.1, 0.0, 0.9), light, 0.0);
+    const REPLICAS: u64 = 16;
+    // Mean and variance of the mean, pixel by pixel.
+    let render = |single: bool| {
+        let images = (0..REPLICAS).map(|seed| {
+            let mut settings = RenderSettings { seed: seed + if single { 100 } else { 0 }, ..settings(32) };
+            settings.methods.paths = single.then(|| PathFilter::new("L.*E").expect("a regular expression"));
+            run(room.scene(), &settings).film.image()
+        });
+        let images: Vec<_> = images.collect();
+        let n = REPLICAS as f64;
+        let of_pixel = |k: usize| {
+            let values = || images.iter().map(|image| f64::from(image.pixels()[k][1]));
+            let mean = values().sum::<f64>() / n;
+            (mean, values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n)
+        };
+        (0..64).map(of_pixel).collect::<Vec<(f64, f64)>>()
+    };
+    let (lent, single) = (render(false), render(true));
+    let mut sum = 0.0;
+    for (k, ((a, v1), (b, v2))) in lent.iter().zip(&single).enumerate() {
+        let t = (a - b) / (v1 + v2).sqrt();
+        // With 16 degrees of freedom at least, one of 64 pixels exceeds 6 once in a thousand runs.
+        assert!(t.abs() < 6.0, "pixel {k}: {a} lent, {b} alone, {t} standard errors");
+        sum += t;
+    }
+    // The eight pixels of a tile may err together.
+    assert!(sum.abs() < 4.0 * (64.0_f64 * 8.0).sqrt(), "errors of one sign: {sum}");
+    let total = |of: &[(f64, f64)]| of.iter().map(|(_, v)| v).sum::<f64>();
+    assert!(total(&lent) < 0.5 * total(&single), "lending lowers the variance: {} against {}", total(&lent), total(&single));
 }
 
 /// With roulette the mean stays: 1/(1 - rho).

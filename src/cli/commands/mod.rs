@@ -76,6 +76,7 @@ fn method_settings(args: &MethodArgs) -> MethodSettings {
     settings.metropolis.steps = args.chain_steps.unwrap_or(settings.metropolis.steps);
     settings.metropolis.even = args.chain_brightness.unwrap_or(settings.metropolis.even);
     settings.paths.clone_from(&args.paths);
+    settings.single_paths = !args.path_lending;
     settings.heuristic = args.heuristic.unwrap_or(settings.heuristic);
     settings
 }

@@ -214,6 +214,7 @@ fn describe(run_report: &mut RunReport, job: &Job) {
     report::set(run_report, "chain_steps", args.methods.chain_steps);
     report::set(run_report, "chain_brightness", args.methods.chain_brightness);
     report::set(run_report, "paths", args.methods.paths.as_ref().map(|p| p.text().to_owned()));
+    report::set(run_report, "path_lending", args.methods.path_lending);
     report::set(run_report, "heuristic", args.methods.heuristic.map(|h| h.name()));
     report::set_pass_one(run_report, &args.pass_one);
 }

@@ -128,17 +128,14 @@ impl<'a> Sppm<'a> {
 
 impl Photons {
     /// Radiance by photons around `si` of at most `most_edges`: caustics and the rest. Where something stands in the disk, or ends it, as the
-    /// first point drawn tells, each photon is asked whether it is seen. Elsewhere one of them is, and taken away for all its like if it is
-    /// not, which is right in the mean.
+    /// first point drawn tells, each photon is asked whether it is seen. Elsewhere
+    /// none is: shrinking disks get rid of what stands in the way unnoticed.
     fn reflected(&self, world: &World, si: &SurfaceInteraction, shading: &Shading<'_>, most_edges: u32, seed: u64) -> (Rgb, Rgb) {
         let mut sums = [Rgb::BLACK; 2];
         let r2 = self.radius * self.radius;
         let face = face_at(world, si, self.radius);
         // Known once there is a photon.
         let mut trials = None;
-        // Of those not asked: the sum of their brightness, and one picked in proportion to it, with what it brings.
-        let mut unasked = 0.0;
-        let mut picked: Option<(u32, Rgb)> = None;
         self.grid.visit(si.point, self.radius, |i| {
             let photon = &self.photons[i as usize];
             let is_near = photon.point.distance_squared(si.point) < r2 && photon.edges <= most_edges;
@@ -149,33 +146,14 @@ impl Photons {
                 }
                 let found = photon.reflected(si, shading) * f64::from(trials);
                 sums[usize::from(photon.way == Way::Caustic)] += found;
-                if trials == 1 {
-                    let brightness = found.mean();
-                    unasked += brightness;
-                    let number = (mix(seed ^ mix(u64::from(i))) >> 11) as f64 * 2.0_f64.powi(-53);
-                    if number * unasked < brightness {
-                        picked = Some((i, found));
-                    }
-                }
             }
         });
-        if let Some((i, found)) = picked {
-            let photon = &self.photons[i as usize];
-            if !face.sees_photon(photon, self.radius) {
-                sums[usize::from(photon.way == Way::Caustic)] += found * (-unasked / found.mean());
-            }
-        }
         let area = PI * f64::from(r2);
         (sums[1] / area, sums[0] / area)
     }
 }
 
 impl Integrator for Sppm<'_> {
-    /// What a hidden photon stands for may be more, in a channel, than all that was found.
-    fn is_signed(&self) -> bool {
-        true
-    }
-
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts) {
         let radius = self.radius(frame, index);
         let mut counts = RayCounts::default();
