@@ -7,7 +7,7 @@
 //! stored, how much more has it found of the light? M and Z become the same as samples are added, so that the little that is wrong by
 //! taking g from the same samples vanishes faster than the noise.
 
-use super::{Film, filter};
+use super::{Film, ROUNDING, filter};
 use crate::math::Rgb;
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
@@ -81,10 +81,12 @@ impl Control {
             if a * b == 0.0 {
                 continue;
             }
-            let difference = |halves: &[Vec<Rgb>; 2]| halves[0][i] / a - halves[1][i] / b;
+            let difference = |halves: &[Vec<Rgb>; 2]| {
+                let (of_a, of_b) = (halves[0][i] / (a * unit), halves[1][i] / (b * unit));
+                beyond_rounding(of_a - of_b, of_a + of_b)
+            };
             let (found, known) = (difference(&film.halves), difference(&self.own));
             let weight = a * b / (a + b);
-            let (found, known) = (found / unit, known / unit);
             both[i] = ((found * known).mean() * weight) as f32;
             alone[i] = ((known * known).mean() * weight) as f32;
         }
@@ -96,6 +98,13 @@ impl Control {
         };
         both.iter().zip(&alone).map(gain).collect()
     }
+}
+
+/// The difference of two values that add up to `sum`, or nothing where they are the same but for rounding: in a furnace all pixels are, and how one rounding
+/// goes with another means nothing.
+fn beyond_rounding(difference: Rgb, sum: Rgb) -> Rgb {
+    let of = |d: f64, sum: f64| if d.abs() <= ROUNDING * sum.abs() { 0.0 } else { d };
+    Rgb::new(of(difference.r, sum.r), of(difference.g, sum.g), of(difference.b, sum.b))
 }
 
 #[cfg(test)]

@@ -12,6 +12,9 @@ use crate::math::{Rgb, sampler::mix};
 use crate::world::Stages;
 use crate::world::walk::RayCounts;
 
+/// Squares that differ by no more than this share of their sum are those of the same value: pixels are f32.
+const ROUNDING: f64 = 1e-13;
+
 /// What glances see as well as samples do.
 const SEEN: [Quantity; 5] = [Quantity::Albedo, Quantity::Normal, Quantity::Depth, Quantity::Radiosity, Quantity::Irradiance];
 
@@ -108,6 +111,7 @@ impl Spread {
     fn variance(&self) -> f64 {
         let mean = self.mean();
         let spread = (self.squares - mean * mean * self.n).mean();
-        if self.n > 1.0 { spread.max(0.0) / (self.n - 1.0) } else { 0.0 }
+        let is_rounding = spread <= ROUNDING * self.squares.mean();
+        if self.n > 1.0 && !is_rounding { spread / (self.n - 1.0) } else { 0.0 }
     }
 }
