@@ -75,7 +75,7 @@ fn looking(eye: DVec3, target: DVec3, fov: f64, fov_axis: FovAxis, near_clip: f6
     let forward = (target - eye).normalize();
     let left = DVec3::Y.cross(forward).normalize();
     let to_scene = DAffine3::from_cols(left, forward.cross(left), forward, eye);
-    Camera { to_scene, fov, fov_axis, principal_point: DVec2::ZERO, near_clip, far_clip }
+    Camera { to_scene, tan_half_fov: (0.5 * fov).tan(), fov_axis, principal_point: DVec2::ZERO, near_clip, far_clip }
 }
 
 #[cfg(test)]

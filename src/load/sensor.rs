@@ -45,7 +45,7 @@ impl<'a> Loader<'a> {
             None => 4,
         };
         sensor.finish()?;
-        let camera = Camera { to_scene, fov, fov_axis, principal_point, near_clip, far_clip };
+        let camera = Camera { to_scene, tan_half_fov: (0.5 * fov).tan(), fov_axis, principal_point, near_clip, far_clip };
         Ok((camera, FilmSettings { width, height, sample_count, max_depth: None }))
     }
 

@@ -10,6 +10,7 @@ mod measure;
 pub mod outline;
 mod raster;
 mod refine;
+mod shares;
 pub mod subdivide;
 
 use crate::geometry::soup::Primitive;
@@ -28,12 +29,6 @@ const BORDER_MARGIN: f64 = 1e-6;
 
 /// Triangles with no edge longer than this many patch sizes are never cut.
 const SMALLEST_CUT: f64 = 1.0 / 64.0;
-
-/// Least share of the rays of a patch of the full size that any patch gets; what a small one sends and blocks counts by its area, and so does
-/// the error that its rays leave.
-const LEAST_SHARE: f64 = 0.125;
-/// The same for a first look.
-const LEAST_SHARE_AT_FIRST: f64 = 1.0 / 32.0;
 
 /// Index of a patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
@@ -226,11 +221,6 @@ impl PatchMesh {
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.area.len()
-    }
-
-    /// Least share of the rays of a patch of the full size that any patch gets.
-    pub fn least_share(&self) -> f64 {
-        if self.rough { LEAST_SHARE_AT_FIRST } else { LEAST_SHARE }
     }
 
     /// True if nothing in the scene reflects diffusely or emits.

@@ -17,6 +17,7 @@ use crate::patch::{DEFAULT_ELEMENTS, PatchSettings};
 use crate::world::walk::RayCounts;
 use crate::world::{DirectSampling, Stages, World};
 use serde::{Deserialize, Serialize};
+use std::iter::successors;
 use std::marker::PhantomData;
 use std::ops::ControlFlow;
 
@@ -241,12 +242,7 @@ impl<'a, K: Stages> Progressive<'a, K> {
 
     /// Replaces pass one by a finer one if it is time.
     fn refine(&mut self) {
-        let next = self.pass_one_settings.patches.elements * GROWTH;
-        let cost = self.pass_one_rays as f64 * GROWTH * GROWTH.powf(2.0 * TOLERANCE_POWER);
-        if next > MOST_ELEMENTS || cost > PASS_ONE_SHARE * rays(&self.counts) as f64 {
-            return;
-        }
-        let finer = with_elements(&self.pass_one_settings, &self.asked, next);
+        let Some(finer) = self.affordable() else { return };
         let mut counts = RayCounts::default();
         // What could be solved coarsely can be finely, but for limits on the number of patches: then the old one stays.
         match self.replace_pass_one(finer, &mut counts) {
@@ -254,6 +250,22 @@ impl<'a, K: Stages> Progressive<'a, K> {
             false => self.refines = false,
         }
         self.counts += counts;
+    }
+
+    /// The finest of the next pass ones whose rays are no more than a share of those so far.
+    fn affordable(&self) -> Option<PassOneSettings> {
+        let patches = &self.pass_one.as_ref()?.field.patches;
+        let allowed = PASS_ONE_SHARE * rays(&self.counts) as f64 / self.pass_one_rays as f64;
+        let growth = successors(Some(GROWTH), |growth| Some(growth * GROWTH));
+        let finer = growth.map(|growth| {
+            (growth, with_elements(&self.pass_one_settings, &self.asked, self.pass_one_settings.patches.elements * growth))
+        });
+        // Rays of a patch go with the inverse square of the tolerance.
+        let is_affordable = |(growth, finer): &(f64, PassOneSettings)| {
+            finer.patches.elements <= MOST_ELEMENTS
+                && patches.shares_if_finer(*growth, finer.patches.rough) * growth.powf(2.0 * TOLERANCE_POWER) <= allowed
+        };
+        finer.take_while(is_affordable).last().map(|(_, finer)| finer)
     }
 
     /// Another pass one in place of the present one, which stays if there is no such solution.
@@ -431,8 +443,8 @@ impl<K: Stages> Integrator for Progressive<'_, K> {
     }
 }
 
-/// Rays of all kinds, without those that cannot count in the picture: whether they are cast must decide nothing.
+/// Rays of all kinds but glances, which cost less, and without those that cannot count in the picture: whether they are cast must decide nothing.
 fn rays(counts: &RayCounts) -> u64 {
-    let all = counts.particle + counts.camera + counts.glance + counts.shadow + counts.gather + counts.form_factor;
+    let all = counts.particle + counts.camera + counts.shadow + counts.gather + counts.form_factor;
     all + counts.reflected + counts.transmitted - counts.idle
 }

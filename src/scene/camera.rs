@@ -23,8 +23,8 @@ pub enum FovAxis {
 pub struct Camera {
     /// Local to scene coordinates; its translation is relative to the scene's origin.
     pub to_scene: DAffine3,
-    /// Full angle across `fov_axis` [radians].
-    pub fov: f64,
+    /// Tangent of half the angle across `fov_axis`.
+    pub tan_half_fov: f64,
     /// Side that `fov` spans.
     pub fov_axis: FovAxis,
     /// Where the view axis meets the film, from its middle towards the right and the bottom, as shares of width and height.
@@ -82,7 +82,7 @@ impl Camera {
 
     /// Half the width of the film at unit distance.
     pub fn half_width(&self, width: usize, height: usize) -> f64 {
-        let tan = (0.5 * self.fov).tan();
+        let tan = self.tan_half_fov;
         let aspect = width as f64 / height as f64;
         let spans_width = match self.fov_axis {
             FovAxis::X => true,
@@ -125,9 +125,9 @@ mod tests {
     use super::*;
 
     fn camera(fov_axis: FovAxis) -> Camera {
-        let fov = 90.0_f64.to_radians();
+        let tan_half_fov = 45.0_f64.to_radians().tan();
         let principal_point = DVec2::ZERO;
-        Camera { to_scene: DAffine3::IDENTITY, fov, fov_axis, principal_point, near_clip: 0.01, far_clip: 1e4 }
+        Camera { to_scene: DAffine3::IDENTITY, tan_half_fov, fov_axis, principal_point, near_clip: 0.01, far_clip: 1e4 }
     }
 
     #[test]
@@ -140,8 +140,8 @@ mod tests {
     #[test]
     fn the_principal_point_moves_as_mitsubas_does() {
         // Mitsuba 3.9.1: fov 40, film of 8 x 4, offsets 0.1 and 0.2; local directions over their z at film points.
-        let fov = 40.0_f64.to_radians();
-        let camera = Camera { fov, principal_point: DVec2::new(0.1, 0.2), ..camera(FovAxis::X) };
+        let tan_half_fov = 20.0_f64.to_radians().tan();
+        let camera = Camera { tan_half_fov, principal_point: DVec2::new(0.1, 0.2), ..camera(FovAxis::X) };
         for (p, want) in
             [((0.0, 0.0), (0.291176, 0.109191)), ((8.0, 4.0), (-0.436764, -0.254779)), ((2.0, 2.0), (0.109191, -0.072794))]
         {

@@ -32,7 +32,7 @@ impl Room {
         let left = up.cross(forward).normalize();
         let camera = Camera {
             to_scene: DAffine3 { matrix3: DMat3::from_cols(left, forward.cross(left), forward), translation: eye },
-            fov: 90.0_f64.to_radians(),
+            tan_half_fov: 45.0_f64.to_radians().tan(),
             fov_axis: FovAxis::X,
             principal_point: DVec2::ZERO,
             near_clip: 1e-4,

@@ -78,7 +78,7 @@ impl Cubes {
         };
         let camera = Camera {
             to_scene: DAffine3::from_translation(DVec3::splat(0.1)),
-            fov: 1.0,
+            tan_half_fov: 0.5,
             fov_axis: FovAxis::X,
             principal_point: DVec2::ZERO,
             near_clip: 1e-3,

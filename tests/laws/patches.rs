@@ -92,3 +92,29 @@ fn the_six_patch_cube_has_its_radiosity() {
         }
     }
 }
+
+/// What a finer pass one will cost decides whether it is made. A wall makes four times as many patches; of small things there are
+/// as many as before.
+#[test]
+fn rays_of_finer_patches_are_foretold() {
+    let walls = crate::support::furnace(0.5);
+    let mut things = crate::support::furnace(0.5);
+    let grey = things.grey(0.4);
+    // Leaves that are apart from each other: each is a patch of its own, whatever the size asked for.
+    for k in 0..900_u32 {
+        let k = f64::from(k);
+        let corner = DVec3::new(0.8 * (k * 1.9).sin(), 0.8 * (k * 2.3).cos(), 0.8 * (k * 0.7).sin());
+        things.quad(corner, DVec3::X * 0.04, DVec3::Y * 0.04, grey, 0.0);
+    }
+    let least = |mesh: &PatchMesh| -> f64 {
+        let cell = mesh.patch_size * mesh.patch_size;
+        mesh.area.iter().map(|a| (a / cell).clamp(mesh.least_share(), 1.0)).sum()
+    };
+    for (room, expected) in [(&walls, 4.0), (&things, 2.0)] {
+        let (_, coarse) = patches(room, 0.4);
+        let (_, fine) = patches(room, 0.2);
+        let (foretold, found) = (coarse.shares_if_finer(4.0, false), least(&fine) / least(&coarse));
+        assert!((foretold / found - 1.0).abs() < 0.1, "{foretold} foretold, {found} found");
+        assert!((found / expected - 1.0).abs() < 0.5, "{found}, expected about {expected}");
+    }
+}

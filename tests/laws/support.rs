@@ -24,7 +24,7 @@ impl Room {
         let matrix = glam::DMat3::from_cols(left, forward.cross(left), forward);
         let camera = Camera {
             to_scene: DAffine3 { matrix3: matrix, translation: eye },
-            fov: 90.0_f64.to_radians(),
+            tan_half_fov: 45.0_f64.to_radians().tan(),
             fov_axis: FovAxis::X,
             principal_point: DVec2::ZERO,
             near_clip: 1e-4,

@@ -210,7 +210,8 @@ impl<'a> Walk<'a> {
         };
         let to_scene = DAffine3::from_cols(left, up, forward, to_world.translation);
         let principal_point = DVec2::ZERO;
-        let camera = Camera { to_scene, fov, fov_axis: FovAxis::Y, principal_point, near_clip, far_clip };
+        let camera =
+            Camera { to_scene, tan_half_fov: (0.5 * fov).tan(), fov_axis: FovAxis::Y, principal_point, near_clip, far_clip };
         self.model.view = Some((camera, aspect));
         Ok(())
     }
