@@ -46,7 +46,7 @@ impl<K: Stages> TwoPass<'_, K> {
             return;
         }
         let (rho, normal) = (met.rho, met.normal);
-        let reflect = |h: Rgb| RadiosityField::reflected_radiance(rho, h);
+        let reflect = |h: Rgb| in_channels::<K>(RadiosityField::reflected_radiance(rho, h));
         self.plain_stored(&met, trace);
         if limit < 2 || rho.is_black() {
             return;
@@ -149,6 +149,12 @@ impl<K: Stages> TwoPass<'_, K> {
     }
 }
 
+/// A colour of which only the first channel is computed where one stands for all.
+#[inline(always)]
+fn in_channels<K: Stages>(colour: Rgb) -> Rgb {
+    if K::COLOUR { colour } else { Rgb::grey(colour.r) }
+}
+
 /// The work of [`TwoPass::plain_near`].
 struct Near<'a, 'b, K: Stages> {
     by: &'a TwoPass<'b, K>,
@@ -176,6 +182,6 @@ impl<K: Stages> Work for Near<'_, '_, K> {
         let ray = si.spawn(direction);
         let found = by.plain_gathered((&ray, &by.world.outlook::<K>(ray.origin)), depth, levels, sampler, counts);
         // Directions are as dense as what a Lambertian surface makes of them.
-        direct + met.rho * (found.reflected + found.emitted)
+        in_channels::<K>(direct + met.rho * (found.reflected + found.emitted))
     }
 }
