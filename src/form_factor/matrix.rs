@@ -299,7 +299,8 @@ fn sinkhorn(
 mod tests {
     use super::*;
 
-    /// Rows that cannot count are scaled like the others and have no say in when it is enough: those that count have the same bits without them.
+    /// Rows that cannot count are scaled like the others and have no say in when it is enough: those that count have
+    /// the same bits without them.
     #[test]
     fn rows_that_cannot_count_change_no_bit_of_others() {
         let calm = [vec![(1, 0.375), (2, 0.625)], vec![(0, 0.25), (2, 0.75)], vec![(0, 0.125), (1, 0.375), (2, 0.5)]];

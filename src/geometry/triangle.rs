@@ -150,7 +150,8 @@ impl Edges {
     }
 }
 
-/// A triangle as seen from a point: what [Moller97] finds for each ray, with the products turned round so that only those with the
+/// A triangle as seen from a point: what [Moller97] finds for each ray, with the products turned round so that only those
+/// with the
 /// direction are left to the ray. All in f64.
 #[derive(Debug, Clone, Copy)]
 pub struct Perspective {
@@ -173,10 +174,13 @@ impl Perspective {
     }
 }
 
-/// Where a ray meets a triangle that it is known to meet, in f64: barycentric weights of the second and third corner, and the ray parameter.
+/// Where a ray meets a triangle that it is known to meet, in f64: barycentric weights of the second and third corner, and
+/// the ray parameter.
 ///
-/// Engines round t in their own ways; this one is the same whichever found the triangle. Weights lie inside the triangle, off its edges by
-/// as much as rays leave it (see [`leaving_error`]): beside a wall that stands on the edge, a ray that starts there starts on the inside of both.
+/// Engines round t in their own ways; this one is the same whichever found the triangle. Weights lie inside the triangle,
+/// off its edges by
+/// as much as rays leave it (see [`leaving_error`]): beside a wall that stands on the edge, a ray that starts there starts
+/// on the inside of both.
 #[inline]
 pub fn locate(ray: &Ray, corners: [Vec3; 3]) -> ((f64, f64), f32) {
     let seen = Edges::new(corners).seen_from(ray.origin);
@@ -194,7 +198,8 @@ pub fn locate(ray: &Ray, corners: [Vec3; 3]) -> ((f64, f64), f32) {
 /// Rays within this sine of a triangle's plane find the parameter by the point.
 const CLEAR_SINE: f64 = 1e-6;
 
-/// How far points keep off edges, in multiples of the bound by which rays leave the plane: enough for walls at 15 degrees to each other.
+/// How far points keep off edges, in multiples of the bound by which rays leave the plane: enough for walls at 15 degrees
+/// to each other.
 const OFF_EDGES: f64 = 8.0;
 
 /// Points whose weights are all above this are not moved off the edges.
@@ -262,7 +267,8 @@ mod tests {
         assert!((u - 0.2).abs() < 1e-7 && (v - 0.3).abs() < 1e-7 && t == 0.25, "{u}, {v}, {t}");
     }
 
-    /// Points at edges and corners, and of rays along the triangle, lie inside: off the edges by as much as rays leave the triangle.
+    /// Points at edges and corners, and of rays along the triangle, lie inside: off the edges by as much as rays leave
+    /// the triangle.
     #[test]
     fn points_keep_off_the_edges() {
         let least = f64::from(leaving_error(A, B, C));

@@ -70,7 +70,8 @@ pub fn sphere(u: Vec2) -> Vec3 {
 }
 
 /// Sine and cosine of `turn` whole turns, `turn` in [0, 1], to 2e-9: Taylor series within an eighth of a turn of each quarter. The
-/// mathematical library gives more digits than a direction in f32 can hold, and takes longer. Without branches, for loops over lanes.
+/// mathematical library gives more digits than a direction in f32 can hold, and takes longer. Without branches, for loops
+/// over lanes.
 #[inline(always)]
 pub fn sin_cos_of_turn(turn: f64) -> (f64, f64) {
     // The nearest quarter by rounding: added to a number so large, it is in the last bits.

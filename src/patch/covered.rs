@@ -37,7 +37,8 @@ impl PatchMesh {
     pub(super) fn leave_out_covered(&mut self, world: &World) {
         let all = || (0..self.len() as u32).into_par_iter().map(PatchId);
         let first: Vec<Covered> = all().map(|id| self.look(world, id, 0..FIRST_LOOK)).collect();
-        // Which of two surfaces a ray meets is decided by rounding. Where one is met seldom the other's first look may miss it, but not its own.
+        // Which of two surfaces a ray meets is decided by rounding. Where one is met seldom the other's first look
+        // may miss it, but not its own.
         let mut hides = vec![false; world.scene().shapes.len()];
         first.iter().filter_map(|covered| covered.by).for_each(|shape| hides[shape as usize] = true);
         let covered: Vec<Covered> = all()

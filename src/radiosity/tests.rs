@@ -128,7 +128,8 @@ fn patches_without_light_or_reflection() {
 /// What a set of patches still needs does not touch another that is solved: not a bit, however many cycles it takes.
 #[test]
 fn a_set_that_is_solved_is_left_alone() {
-    // Beside the cube a row of patches, each of which sees the next ones alone: light takes a product for each, more than a cycle has.
+    // Beside the cube a row of patches, each of which sees the next ones alone: light takes a product for each, more
+    // than a cycle has.
     const LONG: usize = 2 * krylov::CYCLE as usize;
     let cube = cube();
     let of_cube = (0..6).map(|i| cube.direct(i).map(|(j, f)| (j as u32, f as f32)).collect::<Vec<_>>());

@@ -155,7 +155,8 @@ impl Hull {
         })
     }
 
-    /// The triangle that a ray from inside meets, the barycentric weights there and the ray parameter, where no rounding can make it another.
+    /// The triangle that a ray from inside meets, the barycentric weights there and the ray parameter, where no
+    /// rounding can make it another.
     ///
     /// Which wall comes first is found roughly, and then proved: in a convex room the triangle that a line from inside passes through, well
     /// within its border, is the only one. What the engine might find instead is a wall seen edge-on, by rounding: one that the ray

@@ -416,7 +416,8 @@ mod tests {
         );
     }
 
-    /// A point within whose first rays pass exactly through corners and edges of the shell, and one on the shell, of which no ray can tell.
+    /// A point within whose first rays pass exactly through corners and edges of the shell, and one on the shell, of
+    /// which no ray can tell.
     #[test]
     fn rays_through_edges_decide_nothing() {
         for unclear in 1..=3 {

@@ -110,7 +110,8 @@ fn an_unseen_bright_room_changes_no_bit() {
     assert!(!keeps(&lean, "unseen-surfaces"));
 }
 
-/// More lamps than a point looks at: how many points a patch has is decided by the light of all lamps together, but not by that of a bright one which
+/// More lamps than a point looks at: how many points a patch has is decided by the light of all lamps together, but not by
+/// that of a bright one which
 /// nobody sees.
 #[test]
 fn a_bright_lamp_that_nobody_sees_decides_nothing() {

@@ -246,7 +246,8 @@ fn long_chains_of_gather_rays_keep_their_mean() {
     assert_close("irradiance", found[0].total.g, std::f64::consts::PI * rho / (1.0 - rho * rho), 1.5e-2);
 }
 
-/// In a closed block every ray that leaves a wall to the inside meets another, also from points where walls meet: a ray that starts beyond the
+/// In a closed block every ray that leaves a wall to the inside meets another, also from points where walls meet: a ray
+/// that starts beyond the
 /// wall beside its own would leave the block, and light that is trapped in glass with it.
 #[test]
 fn no_ray_leaves_a_closed_block_through_an_edge() {

@@ -190,7 +190,8 @@ impl<K: Stages> TwoPass<'_, K> {
         self.record_of(si, &frame, &seen, rings, settings, reach)
     }
 
-    /// The same for some rays of a record in a plain convex room, from the `first` on: they start at one point, and no normal is bent.
+    /// The same for some rays of a record in a plain convex room, from the `first` on: they start at one point, and no
+    /// normal is bent.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "what all bundles of a record share, found once")]
     fn gather_bundle<const N: usize>(
