@@ -299,6 +299,25 @@ fn sinkhorn(
 mod tests {
     use super::*;
 
+    /// Rows that cannot count are scaled like the others and have no say in when it is enough: those that count have
+    /// the same bits without them.
+    #[test]
+    fn rows_that_cannot_count_change_no_bit_of_others() {
+        let calm = [vec![(1, 0.375), (2, 0.625)], vec![(0, 0.25), (2, 0.75)], vec![(0, 0.125), (1, 0.375), (2, 0.5)]];
+        // A room of its own whose estimates disagree so much that it takes more sweeps.
+        let noisy = [vec![(4, 0.9), (5, 0.1)], vec![(3, 0.02), (5, 0.98)], vec![(3, 0.7), (4, 0.01), (5, 0.29)]];
+        let none: [Vec<(u32, f32)>; 3] = Default::default();
+        let symmetric = |others: &[Vec<(u32, f32)>; 3], is_idle: fn(usize) -> bool| {
+            let rows = calm.iter().chain(others).map(|direct| Row { direct: direct.clone(), ..Row::default() });
+            let mut m = FormFactorMatrix::from_rows(rows.collect());
+            m.symmetrise(&[1.0, 2.0, 4.0, 1.0, 1.0, 1.0], &[256.0; 6], is_idle);
+            (0..3).flat_map(|i| m.direct(i).map(|(j, f)| (j, f.to_bits())).collect::<Vec<_>>()).collect::<Vec<_>>()
+        };
+        let idle = |i: usize| i > 2;
+        assert_eq!(symmetric(&noisy, idle), symmetric(&none, idle));
+        assert_ne!(symmetric(&noisy, |_| false), symmetric(&none, idle), "the others do not disagree enough to be seen");
+    }
+
     #[test]
     fn symmetrising_keeps_row_sums_and_makes_transport_reciprocal() {
         // Three patches of a closed scene with noisy factors.

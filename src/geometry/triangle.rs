@@ -124,36 +124,109 @@ fn meet_by_exact_signs(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> Option<f32> {
     Some(((u * a[2] + v * b[2] + w * c[2]) / det) as f32)
 }
 
-/// Barycentric weights of the second and third vertex at the point where a ray meets a triangle's plane, in f64.
-///
-/// Clamped into the triangle, so that interpolated values stay inside the values at the vertices.
-#[inline]
-pub fn barycentric(ray: &Ray, a: Vec3, b: Vec3, c: Vec3) -> (f64, f64) {
-    // Moeller-Trumbore in f64; here the triangle is known to be hit, so watertightness plays no part.
-    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
-    barycentric_by_edges(ray, a, b - a, c - a)
+/// A corner of a triangle and the edges from there, in f64.
+#[derive(Debug, Clone, Copy)]
+pub struct Edges {
+    corner: DVec3,
+    edges: [DVec3; 2],
+    /// Product of the second edge with the first.
+    normal: DVec3,
 }
 
-/// The same by the first vertex and the edges from there to the others.
-#[inline]
-pub fn barycentric_by_edges(ray: &Ray, a: DVec3, e1: DVec3, e2: DVec3) -> (f64, f64) {
-    let (o, d) = (ray.origin.as_dvec3() - a, ray.direction.as_dvec3());
-    let p = d.cross(e2);
-    let det = e1.dot(p);
-    if det == 0.0 {
-        return (1.0 / 3.0, 1.0 / 3.0);
+impl Edges {
+    /// Of a triangle by its corners.
+    #[inline]
+    pub fn new([a, b, c]: [Vec3; 3]) -> Self {
+        let corner = a.as_dvec3();
+        let edges = [b, c].map(|p| p.as_dvec3() - corner);
+        Self { corner, edges, normal: edges[1].cross(edges[0]) }
     }
-    let u = (o.dot(p) / det).clamp(0.0, 1.0);
-    let v = (d.dot(o.cross(e1)) / det).clamp(0.0, 1.0);
-    let excess = u + v;
-    if excess > 1.0 { (u / excess, v / excess) } else { (u, v) }
+
+    /// What all rays from a point share.
+    #[inline(always)]
+    pub fn seen_from(&self, origin: Vec3) -> Perspective {
+        let (o, [e1, e2]) = (origin.as_dvec3() - self.corner, self.edges);
+        Perspective { normal: self.normal, second: e2.cross(o), third: o.cross(e1), height: -o.dot(self.normal) }
+    }
+}
+
+/// A triangle as seen from a point: what [Moller97] finds for each ray, with the products turned round so that only those
+/// with the
+/// direction are left to the ray. All in f64.
+#[derive(Debug, Clone, Copy)]
+pub struct Perspective {
+    /// Its product with a direction is the determinant.
+    pub normal: DVec3,
+    /// Its product with a direction, over the determinant, is the barycentric weight of the second corner.
+    pub second: DVec3,
+    /// The same of the third corner.
+    pub third: DVec3,
+    /// Over the determinant, the ray parameter.
+    pub height: f64,
+}
+
+impl Perspective {
+    /// The determinant, and the weights of the second and third corner times it.
+    #[inline(always)]
+    pub fn products(&self, direction: Vec3) -> [f64; 3] {
+        let d = direction.as_dvec3();
+        [self.normal, self.second, self.third].map(|v| d.dot(v))
+    }
+}
+
+/// Where a ray meets a triangle that it is known to meet, in f64: barycentric weights of the second and third corner, and
+/// the ray parameter.
+///
+/// Engines round t in their own ways; this one is the same whichever found the triangle. Weights lie inside the triangle,
+/// off its edges by
+/// as much as rays leave it (see [`leaving_error`]): beside a wall that stands on the edge, a ray that starts there starts
+/// on the inside of both.
+#[inline]
+pub fn locate(ray: &Ray, corners: [Vec3; 3]) -> ((f64, f64), f32) {
+    let seen = Edges::new(corners).seen_from(ray.origin);
+    let [determinant, u, v] = seen.products(ray.direction);
+    let least = CLEAR_SINE * CLEAR_SINE * seen.normal.length_squared() * ray.direction.as_dvec3().length_squared();
+    if determinant * determinant > least {
+        let weights = (u / determinant, v / determinant);
+        if weights.0.min(weights.1).min(1.0 - weights.0 - weights.1) >= EDGE {
+            return (weights, (seen.height / determinant) as f32);
+        }
+    }
+    locate_near_edge(ray, corners, [determinant, u, v])
+}
+
+/// Rays within this sine of a triangle's plane find the parameter by the point.
+const CLEAR_SINE: f64 = 1e-6;
+
+/// How far points keep off edges, in multiples of the bound by which rays leave the plane: enough for walls at 15 degrees
+/// to each other.
+const OFF_EDGES: f64 = 8.0;
+
+/// Points whose weights are all above this are not moved off the edges.
+pub const EDGE: f64 = 1e-4;
+
+/// The same where rounding might take the point out of the triangle, or beyond a wall beside it.
+#[cold]
+fn locate_near_edge(ray: &Ray, corners: [Vec3; 3], [determinant, u, v]: [f64; 3]) -> ((f64, f64), f32) {
+    let inside = |x: f64| (x / determinant).clamp(0.0, 1.0);
+    let (u, v) = if determinant == 0.0 { (1.0 / 3.0, 1.0 / 3.0) } else { (inside(u), inside(v)) };
+    let excess = (u + v).max(1.0);
+    let mut weights = [1.0 - (u + v) / excess, u / excess, v / excess].map(|w| w.max(0.0));
+    let [a, b, c] = corners;
+    let doubled_area = 2.0 * area_vector(a, b, c).length();
+    let error = f64::from(leaving_error(a, b, c));
+    // Of thin slivers no more than what shows nowhere.
+    let margin = |opposite: Vec3| (OFF_EDGES * error * opposite.as_dvec3().length() / doubled_area).min(EDGE);
+    for (weight, opposite) in weights.iter_mut().zip([c - b, a - c, b - a]) {
+        *weight = weight.max(margin(opposite));
+    }
+    let sum: f64 = weights.iter().sum();
+    let weights = (weights[1] / sum, weights[2] / sum);
+    (weights, parameter(ray, corners, weights))
 }
 
 /// Parameter of `ray` at the point of a triangle with barycentric `weights` of the second and third vertex, in f64.
-///
-/// Engines round t in their own ways; this one is the same whichever found the triangle.
-#[inline]
-pub fn parameter(ray: &Ray, [a, b, c]: [Vec3; 3], weights: (f64, f64)) -> f32 {
+fn parameter(ray: &Ray, [a, b, c]: [Vec3; 3], weights: (f64, f64)) -> f32 {
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let [a, b, c] = [a, b, c].map(|corner| corner.as_dvec3() - origin);
     let point = a + (b - a) * weights.0 + (c - a) * weights.1;
@@ -190,8 +263,22 @@ mod tests {
     #[test]
     fn barycentric_weights_place_the_hit() {
         let ray = Ray::new(Vec3::new(0.2, 0.3, 1.0), -Vec3::Z);
-        let (u, v) = barycentric(&ray, A, B, C);
-        assert!((u - 0.2).abs() < 1e-7 && (v - 0.3).abs() < 1e-7, "{u}, {v}");
-        assert_eq!(parameter(&Ray { direction: -4.0 * Vec3::Z, ..ray }, [A, B, C], (u, v)), 0.25);
+        let ((u, v), t) = locate(&Ray { direction: -4.0 * Vec3::Z, ..ray }, [A, B, C]);
+        assert!((u - 0.2).abs() < 1e-7 && (v - 0.3).abs() < 1e-7 && t == 0.25, "{u}, {v}, {t}");
+    }
+
+    /// Points at edges and corners, and of rays along the triangle, lie inside: off the edges by as much as rays leave
+    /// the triangle.
+    #[test]
+    fn points_keep_off_the_edges() {
+        let least = f64::from(leaving_error(A, B, C));
+        for (x, y) in [(0.0, 0.5), (0.5, 0.0), (0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1e-7, 0.3), (0.7, 0.3 + 1e-7)] {
+            let ((u, v), t) = locate(&Ray::new(Vec3::new(x, y, 1.0), -Vec3::Z), [A, B, C]);
+            let to_edges = u.min(v).min((1.0 - u - v) / 2.0_f64.sqrt());
+            assert!(to_edges >= least && t == 1.0, "{x} {y}: {u} {v} {t}");
+            assert!((u - f64::from(x)).abs() < 2e-5 && (v - f64::from(y)).abs() < 2e-5, "{x} {y}: {u} {v}");
+        }
+        let ((u, v), t) = locate(&Ray::new(Vec3::new(-1.0, 0.25, 0.0), Vec3::X), [A, B, C]);
+        assert!(u.min(v).min(1.0 - u - v) >= least && (1.0..2.0).contains(&t), "edge-on: {u} {v} {t}");
     }
 }

@@ -239,16 +239,21 @@ impl<K: Stages> TwoPass<'_, K> {
         }
         let local = warp::cosine_hemisphere(sampler.next_2d());
         let direction = Frame::new(shading.normal()).to_world(local);
-        let response = shading.eval(direction).diffuse;
-        if response.is_black() {
+        let density = cosine_density(chance, local.z);
+        let weight = match shading.plain() {
+            // Directions are as dense as what a Lambertian surface makes of them.
+            Some(rho) if shading.wo.z > 0.0 && direction.dot(shading.normal()) > 0.0 => rho / chance,
+            Some(_) => Rgb::BLACK,
+            None => shading.eval(direction).diffuse / density,
+        };
+        if weight.is_black() {
             return direct + thrown;
         }
-        let density = cosine_density(chance, local.z);
         let sampling = Shading::IN_PASSING;
         let origin = Origin { point: si.point, receiver: shading.receiver(), density, sampling };
         counts.gather += 1;
         let found = self.gathered_within(si.spawn(direction), Sight::Gather(origin), depth, levels, sampler, counts);
-        direct + thrown + response / density * (found.reflected + found.emitted)
+        direct + thrown + weight * (found.reflected + found.emitted)
     }
 }
 

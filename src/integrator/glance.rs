@@ -9,6 +9,7 @@ use super::whitted::{Path, Trace};
 use super::{Frame, PassPlan, TwoPass, by_rows, start_in_half};
 use crate::film::{Beforehand, PixelSample, Quantity};
 use crate::math::{Rgb, sampler::mix};
+use crate::scene::View;
 use crate::world::Stages;
 use crate::world::walk::RayCounts;
 
@@ -37,12 +38,13 @@ impl<K: Stages> TwoPass<'_, K> {
     /// A pass of as many samples a pixel as `plan` says, with its glances.
     pub fn planned_pass(&self, frame: &Frame, plan: PassPlan<'_>) -> (Vec<Looked>, RayCounts) {
         let nothing = Looked { sample: PixelSample::NONE, emitted: 0.0, stored: 0.0, n: 0 };
+        let view = frame.seen_by(self.world);
         by_rows(frame, nothing, |pixel, counts| {
             let mut looked = nothing;
             let glances = u32::from(plan.glances[pixel]);
             for k in 0..plan.wanted[pixel] {
                 counts.camera += 1;
-                let start = start_in_half(self.world, &self.settings, frame, plan.half, plan.taken[pixel] + k, pixel);
+                let start = start_in_half(&view, &self.settings, frame, plan.half, plan.taken[pixel] + k, pixel);
                 let mut trace = Trace::new(start.sampler, mix(start.seed ^ start.key), start.index, counts);
                 self.radiance(&start.ray, Path::START, &mut trace);
                 let Trace { mut sample, seen, .. } = trace;
@@ -50,7 +52,8 @@ impl<K: Stages> TwoPass<'_, K> {
                 let own = known(&sample.layers);
                 let (mut emitted, mut stored) = (Spread::of(seen), Spread::of(own));
                 for glance in 0..glances {
-                    let (seen, layers) = self.glance(frame, plan.half, plan.glanced[pixel] + k * glances + glance, pixel, counts);
+                    let (seen, layers) =
+                        self.glance((frame, &view), plan.half, plan.glanced[pixel] + k * glances + glance, pixel, counts);
                     emitted.add(seen);
                     stored.add(known(&layers));
                     SEEN.iter().for_each(|layer| sample.layers[*layer as usize] += layers[*layer as usize]);
@@ -69,10 +72,17 @@ impl<K: Stages> TwoPass<'_, K> {
     }
 
     /// Emission along a ray through the pixel and its reflections, and what is seen by it.
-    fn glance(&self, frame: &Frame, half: u32, index: u32, pixel: usize, counts: &mut RayCounts) -> (Rgb, Layers) {
+    fn glance(
+        &self,
+        (frame, view): (&Frame, &View<'_>),
+        half: u32,
+        index: u32,
+        pixel: usize,
+        counts: &mut RayCounts,
+    ) -> (Rgb, Layers) {
         // The rays of samples and glances are two sequences, independent of each other.
         let settings = super::IntegratorSettings { seed: mix(self.settings.seed ^ 0x6c_a2ce), ..self.settings };
-        let start = start_in_half(self.world, &settings, frame, half, index, pixel);
+        let start = start_in_half(view, &settings, frame, half, index, pixel);
         counts.glance += 1;
         // Samples alone tell what recursion leaves out.
         let cut = (counts.truncated, counts.truncated_weight);

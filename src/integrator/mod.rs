@@ -28,6 +28,7 @@ use crate::film::PixelSample;
 use crate::geometry::Ray;
 use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::{Interpolation, RadiosityField};
+use crate::scene::View;
 use crate::world::walk::RayCounts;
 use crate::world::{All, DirectSampling, Stages, World};
 use caustic_map::CausticMap;
@@ -83,6 +84,11 @@ impl Frame {
     /// The whole picture.
     pub fn whole(width: usize, height: usize) -> Self {
         Self { width, height, crop: [0, 0, width, height] }
+    }
+
+    /// The camera of a world before this film.
+    fn seen_by<'a>(&self, world: &'a World) -> View<'a> {
+        world.scene().camera.view(self.width, self.height)
     }
 
     /// Number of pixels rendered.
@@ -159,21 +165,20 @@ struct Start {
 
 /// Where the sample of pass `pass` of rendered pixel `pixel` starts.
 fn camera_start(world: &World, settings: &IntegratorSettings, frame: &Frame, pass: u32, pixel: usize) -> Start {
-    start_in_half(world, settings, frame, pass % 2, pass / 2, pixel)
+    start_in_half(&frame.seen_by(world), settings, frame, pass % 2, pass / 2, pixel)
 }
 
 /// Where sample `index` of one half of the film of rendered pixel `pixel` starts.
 ///
 /// The two halves of the film are scrambled independently: each has its own seed and counts its own samples.
-fn start_in_half(world: &World, settings: &IntegratorSettings, frame: &Frame, half: u32, index: u32, pixel: usize) -> Start {
+fn start_in_half(view: &View<'_>, settings: &IntegratorSettings, frame: &Frame, half: u32, index: u32, pixel: usize) -> Start {
     let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(u64::from(half)));
     let index = u64::from(index);
     let (x, y) = frame.pixel(pixel);
     let key = (y * frame.width + x) as u64;
     let mut sampler = Sampler::of(settings.sampler, seed, key, index);
     let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-    let ray = world.scene().camera.ray(film_point, frame.width, frame.height);
-    Start { ray, film_point, sampler, seed, key, index }
+    Start { ray: view.ray(film_point), film_point, sampler, seed, key, index }
 }
 
 /// Which samples a pass takes.

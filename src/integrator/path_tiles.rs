@@ -95,9 +95,10 @@ impl<K: Stages> PathTracer<'_, K> {
     ) -> [PixelSample; COLUMNS * ROWS] {
         let mut samples = [PixelSample::default(); COLUMNS * ROWS];
         let (mut firsts, mut seconds) = (Vec::with_capacity(COLUMNS * ROWS), Vec::with_capacity(COLUMNS * ROWS));
+        let view = whole.seen_by(self.world);
         for (pixel, sample) in samples.iter_mut().enumerate().take(columns * lines) {
             let place = (y0 + pixel / columns) * whole.width + x0 + pixel % columns;
-            let mut start = start_in_half(self.world, &self.settings, whole, index % 2, index / 2, place);
+            let mut start = start_in_half(&view, &self.settings, whole, index % 2, index / 2, place);
             counts.camera += 1;
             self.begin(pixel, Walk::new(start.ray), &mut start.sampler, counts, sample, (&mut firsts, &mut seconds));
         }

@@ -6,6 +6,7 @@ use super::final_gather::Gathered;
 use super::irradiance_cache::Gap;
 use super::whitted::{Path, Trace};
 use super::{ReadOut, TwoPass};
+use crate::accel::{Work, widest};
 use crate::film::Quantity;
 use crate::geometry::Ray;
 use crate::material::{Lambert, Scattering};
@@ -13,9 +14,8 @@ use crate::math::{Frame, Rgb, Sampler, warp};
 use crate::radiosity::RadiosityField;
 use crate::world::convex::Outlook;
 use crate::world::flat::FlatHit;
-use crate::world::sight::cosine_density;
 use crate::world::walk::RayCounts;
-use crate::world::{Shading, ShadowRay, Stages};
+use crate::world::{DirectSampling, Shading, ShadowRay, Stages, SurfaceInteraction};
 
 impl<K: Stages> TwoPass<'_, K> {
     /// Adds what arrives along a camera ray to the sample.
@@ -46,7 +46,7 @@ impl<K: Stages> TwoPass<'_, K> {
             return;
         }
         let (rho, normal) = (met.rho, met.normal);
-        let reflect = |h: Rgb| RadiosityField::reflected_radiance(rho, h);
+        let reflect = |h: Rgb| in_channels::<K>(RadiosityField::reflected_radiance(rho, h));
         self.plain_stored(&met, trace);
         if limit < 2 || rho.is_black() {
             return;
@@ -58,11 +58,8 @@ impl<K: Stages> TwoPass<'_, K> {
             return;
         }
         let cached = self.cache.and_then(|cache| cache.read_on_flat::<K>(&met, si.point));
-        let lambert = Lambert { frame: Frame::new(normal), rho };
-        let respond = |ray: &ShadowRay| Scattering { diffuse: lambert.eval(ray.direction), glossy: Rgb::BLACK };
-        let sampling = self.settings.direct;
-        let direct = self.world.direct_by::<K>(&si, Some(normal), sampling, &mut trace.sampler, trace.counts, respond);
-        *trace.sample.layer(Quantity::Direct) += direct.diffuse;
+        let direct = self.plain_direct(&si, rho, self.settings.direct, &mut trace.sampler, trace.counts);
+        *trace.sample.layer(Quantity::Direct) += direct;
         match cached {
             Some(found) => {
                 *trace.sample.layer(Quantity::Indirect) += reflect(found.reflected);
@@ -95,9 +92,18 @@ impl<K: Stages> TwoPass<'_, K> {
         sampler: &mut Sampler,
         counts: &mut RayCounts,
     ) -> Gathered {
-        let mut found = Gathered { reflected: Rgb::BLACK, emitted: Rgb::BLACK, distance: f32::INFINITY };
-        let Some(met) = self.world.meet_flat_from::<K>(outlook, ray) else { return found };
-        found.distance = met.t;
+        match self.world.meet_flat_from::<K>(outlook, ray) {
+            Some(met) => {
+                self.plain_found(&met, depth, levels, |met| self.plain_near(met, depth + 1, levels - 1, sampler, counts))
+            }
+            None => Gathered { reflected: Rgb::BLACK, emitted: Rgb::BLACK, distance: f32::INFINITY },
+        }
+    }
+
+    /// Radiance along a gather ray that met a wall; `near` looks at it afresh.
+    #[inline(always)]
+    pub(super) fn plain_found(&self, met: &FlatHit, depth: u32, levels: u32, near: impl FnOnce(&FlatHit) -> Rgb) -> Gathered {
+        let mut found = Gathered { reflected: Rgb::BLACK, emitted: Rgb::BLACK, distance: met.t };
         if met.front && self.world.partition().leaves_some() && !self.world.partition().found_by_shadow_rays(met.shape as usize) {
             found.emitted = self.world.scene().shapes[met.shape as usize].emitted(crate::math::Vec2::ZERO);
         }
@@ -105,32 +111,77 @@ impl<K: Stages> TwoPass<'_, K> {
             return found;
         }
         let Some(field) = self.field else { return found };
-        let Some(patch) = field.patch_on_flat(&met) else { return found };
+        let Some(patch) = field.patch_on_flat(met) else { return found };
         let stored = field.of_patch(patch, met.t);
-        found.reflected = if levels > 0 && stored.is_near {
-            self.plain_near(&met, depth + 1, levels - 1, sampler, counts)
-        } else {
-            RadiosityField::reflected_radiance(met.rho, stored.irradiance)
-        };
+        found.reflected =
+            if levels > 0 && stored.is_near { near(met) } else { RadiosityField::reflected_radiance(met.rho, stored.irradiance) };
         found
     }
 
-    /// Radiance that a wall reflects, by one shadow ray and one gather ray: as by [`super::final_gather`].
-    fn plain_near(&self, met: &FlatHit, depth: u32, levels: u32, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
-        let si = self.world.flat_interaction(met);
-        let lambert = Lambert { frame: Frame::new(met.normal), rho: met.rho };
+    /// Radiance that a wall of reflectance `rho` reflects of what lamps send straight.
+    #[inline(always)]
+    fn plain_direct(
+        &self,
+        si: &SurfaceInteraction,
+        rho: Rgb,
+        sampling: DirectSampling,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Rgb {
+        let lambert = Lambert { normal: si.ng, rho };
+        if K::HULL && self.world.partition().shadow_lights().len() <= sampling.lights_per_point {
+            return self.world.unhidden::<K>(si, sampling, sampler, counts, |direction| lambert.eval(direction));
+        }
         let respond = |ray: &ShadowRay| Scattering { diffuse: lambert.eval(ray.direction), glossy: Rgb::BLACK };
-        let direct = self.world.direct_by::<K>(&si, Some(met.normal), Shading::IN_PASSING, sampler, counts, respond).diffuse;
+        self.world.direct_by::<K>(si, Some(si.ng), sampling, sampler, counts, respond).diffuse
+    }
+
+    /// Radiance that a wall reflects, by one shadow ray and one gather ray: as by [`super::final_gather`].
+    pub(super) fn plain_near(
+        &self,
+        met: &FlatHit,
+        depth: u32,
+        levels: u32,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+    ) -> Rgb {
+        widest(Near { by: self, met, depth, levels, sampler, counts })
+    }
+}
+
+/// A colour of which only the first channel is computed where one stands for all.
+#[inline(always)]
+fn in_channels<K: Stages>(colour: Rgb) -> Rgb {
+    if K::COLOUR { colour } else { Rgb::grey(colour.r) }
+}
+
+/// The work of [`TwoPass::plain_near`].
+struct Near<'a, 'b, K: Stages> {
+    by: &'a TwoPass<'b, K>,
+    met: &'a FlatHit,
+    depth: u32,
+    levels: u32,
+    sampler: &'a mut Sampler,
+    counts: &'a mut RayCounts,
+}
+
+impl<K: Stages> Work for Near<'_, '_, K> {
+    type Output = Rgb;
+
+    #[inline(always)]
+    fn run(self) -> Rgb {
+        let Self { by, met, depth, levels, sampler, counts } = self;
+        let si = by.world.flat_interaction(met);
+        let direct = by.plain_direct(&si, met.rho, Shading::IN_PASSING, sampler, counts);
         let local = warp::cosine_hemisphere(sampler.next_2d());
-        let direction = lambert.frame.to_world(local);
-        let response = lambert.eval(direction);
-        if response.is_black() {
+        let direction = Frame::new(met.normal).to_world(local);
+        if direction.dot(met.normal) <= 0.0 {
             return direct;
         }
-        let density = cosine_density(1.0, local.z);
         counts.gather += 1;
         let ray = si.spawn(direction);
-        let found = self.plain_gathered((&ray, &self.world.outlook::<K>(ray.origin)), depth, levels, sampler, counts);
-        direct + response / density * (found.reflected + found.emitted)
+        let found = by.plain_gathered((&ray, &by.world.outlook::<K>(ray.origin)), depth, levels, sampler, counts);
+        // Directions are as dense as what a Lambertian surface makes of them.
+        in_channels::<K>(direct + met.rho * (found.reflected + found.emitted))
     }
 }

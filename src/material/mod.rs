@@ -30,7 +30,7 @@ pub use sampling::{BsdfSample, GlossySample};
 pub use specular::{Lobe, Lobes};
 pub use texture::Texture;
 
-use crate::math::{DVec3, Frame, Rgb, Vec2, Vec3};
+use crate::math::{DVec3, Rgb, Vec2, Vec3};
 use std::f64::consts::FRAC_1_PI;
 
 /// Index of a [`Surface`] in the scene.
@@ -125,8 +125,8 @@ pub enum Material {
 /// A diffuse surface and nothing else, in world directions.
 #[derive(Debug, Clone, Copy)]
 pub struct Lambert {
-    /// Its third axis is the normal on the viewer's side.
-    pub frame: Frame,
+    /// Unit normal on the viewer's side.
+    pub normal: Vec3,
     /// Reflectance.
     pub rho: Rgb,
 }
@@ -135,8 +135,8 @@ impl Lambert {
     /// f·|cos theta_i| for light from a direction [1/sr], as [`Material::eval`] has it.
     #[inline]
     pub fn eval(&self, direction: Vec3) -> Rgb {
-        let wi = self.frame.to_local(direction);
-        if wi.z > 0.0 { self.rho * (wide(wi).z * FRAC_1_PI) } else { Rgb::BLACK }
+        let cosine = direction.dot(self.normal);
+        if cosine > 0.0 { self.rho * (f64::from(cosine) * FRAC_1_PI) } else { Rgb::BLACK }
     }
 }
 
@@ -191,11 +191,13 @@ impl Scattering {
 impl Material {
     /// f·|cos theta_i| of all lobes but the ideal ones [1/sr]; radiance scaled by n² across a boundary.
     pub fn eval(&self, wo: Vec3, wi: Vec3, uv: Vec2) -> Scattering {
+        if let Material::Diffuse { reflectance } = self {
+            let is_lit = wo.z > 0.0 && wi.z > 0.0;
+            let f = || Scattering::diffuse(reflectance.at(uv) * (f64::from(wi.z) * FRAC_1_PI));
+            return if is_lit { f() } else { Scattering::default() };
+        }
         let (o, i) = (wide(wo), wide(wi));
         match self {
-            Material::Diffuse { reflectance } if wo.z > 0.0 && wi.z > 0.0 => {
-                Scattering::diffuse(reflectance.at(uv) * (i.z * FRAC_1_PI))
-            }
             Material::Plastic(plastic) => Scattering::diffuse(plastic.eval(o, i, uv)),
             Material::RoughPlastic(plastic) => {
                 Scattering { diffuse: plastic.eval_base(o, i, uv), glossy: plastic.eval_coat(o, i, uv) }

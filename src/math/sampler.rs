@@ -205,6 +205,16 @@ impl Series {
         Self { key: [seed, key], seed: mixed, first: Scramble::new(mixed, 0) }
     }
 
+    /// Samples below this index share what [`Self::first_2d`] needs.
+    pub const LEN: usize = SAMPLES as usize;
+
+    /// The first two numbers of sample `index`, which must be below [`Self::LEN`].
+    #[inline(always)]
+    pub fn first_2d(&self, index: u32) -> [f32; 2] {
+        let [x, y, ..] = self.first.sample(index);
+        [x, y]
+    }
+
     /// The stream of sample `index`.
     #[inline]
     pub fn sampler(&self, index: u64) -> Sampler {

@@ -1,7 +1,7 @@
 //! Maps from the unit square to the domains that are sampled, each beside its density.
 
 use super::{Vec2, Vec3};
-use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::f32::consts::{FRAC_PI_4, PI};
 
 /// Uniform point of the unit disk: concentric map, which keeps strata connected (Shirley and Chiu 1997).
 #[inline]
@@ -10,10 +10,20 @@ pub fn disk(u: Vec2) -> Vec2 {
     if p == Vec2::ZERO {
         return Vec2::ZERO;
     }
-    let (radius, angle) =
-        if p.x.abs() > p.y.abs() { (p.x, FRAC_PI_4 * (p.y / p.x)) } else { (p.y, FRAC_PI_2 - FRAC_PI_4 * (p.x / p.y)) };
-    let (sin, cos) = angle.sin_cos();
-    Vec2::new(radius * cos, radius * sin)
+    let is_wide = p.x.abs() > p.y.abs();
+    let (radius, angle) = if is_wide { (p.x, FRAC_PI_4 * (p.y / p.x)) } else { (p.y, FRAC_PI_4 * (p.x / p.y)) };
+    let (sin, cos) = sin_cos_of_eighth(angle);
+    // Beyond an eighth of a turn angles are counted back from a quarter.
+    if is_wide { Vec2::new(radius * cos, radius * sin) } else { Vec2::new(radius * sin, radius * cos) }
+}
+
+/// Sine and cosine of an angle of an eighth of a turn at most to either side [radians], to 1e-7: Taylor series.
+#[inline(always)]
+fn sin_cos_of_eighth(x: f32) -> (f32, f32) {
+    let x2 = x * x;
+    let sin = x * (1.0 + x2 * (-1.0 / 6.0 + x2 * (1.0 / 120.0 + x2 * (-1.0 / 5040.0 + x2 * (1.0 / 362_880.0)))));
+    let cos = 1.0 + x2 * (-0.5 + x2 * (1.0 / 24.0 + x2 * (-1.0 / 720.0 + x2 * (1.0 / 40_320.0))));
+    (sin, cos)
 }
 
 /// Direction of the upper hemisphere with density cos(theta)/pi per steradian (Malley's method).
@@ -60,19 +70,25 @@ pub fn sphere(u: Vec2) -> Vec3 {
 }
 
 /// Sine and cosine of `turn` whole turns, `turn` in [0, 1], to 2e-9: Taylor series within an eighth of a turn of each quarter. The
-/// mathematical library gives more digits than a direction in f32 can hold, and takes longer.
-#[inline]
+/// mathematical library gives more digits than a direction in f32 can hold, and takes longer. Without branches, for loops
+/// over lanes.
+#[inline(always)]
 pub fn sin_cos_of_turn(turn: f64) -> (f64, f64) {
-    let quarter = (4.0 * turn + 0.5) as i64;
-    let x = (4.0 * turn - quarter as f64) * std::f64::consts::FRAC_PI_2;
+    // The nearest quarter by rounding: added to a number so large, it is in the last bits.
+    let shifted = 4.0 * turn + ROUNDS;
+    let quarter = shifted.to_bits();
+    let x = (4.0 * turn - (shifted - ROUNDS)) * std::f64::consts::FRAC_PI_2;
     let x2 = x * x;
     let sin = x * (1.0 + x2 * (-1.0 / 6.0 + x2 * (1.0 / 120.0 + x2 * (-1.0 / 5040.0 + x2 * (1.0 / 362_880.0)))));
     let cos = 1.0 + x2 * (-0.5 + x2 * (1.0 / 24.0 + x2 * (-1.0 / 720.0 + x2 * (1.0 / 40_320.0 + x2 * (-1.0 / 3_628_800.0)))));
     let (s, c) = if quarter & 1 == 0 { (sin, cos) } else { (cos, sin) };
     // Quarters 0 to 3: (s, c), (c, -s), (-s, -c), (-c, s).
-    let sign = |negative: bool, v: f64| if negative { -v } else { v };
-    (sign(quarter & 2 != 0, s), sign((quarter + 1) & 2 != 0, c))
+    let signed = |bits: u64, v: f64| f64::from_bits(v.to_bits() ^ ((bits & 2) << 62));
+    (signed(quarter, s), signed(quarter + 1, c))
 }
+
+/// From here on up to twice as much the last bit of an f64 counts 1; even, so that quarters are counted from 0.
+const ROUNDS: f64 = (1_u64 << 52) as f64;
 
 #[cfg(test)]
 mod tests {
@@ -82,6 +98,17 @@ mod tests {
     fn grid(n: usize) -> impl Iterator<Item = Vec2> {
         let at = move |i: usize| (i as f32 + 0.5) / n as f32;
         (0..n * n).map(move |k| Vec2::new(at(k % n), at(k / n)))
+    }
+
+    #[test]
+    fn a_point_of_the_disk_is_where_its_angle_says() {
+        for u in grid(64) {
+            let p = 2.0 * u - Vec2::ONE;
+            let (radius, turn) = if p.x.abs() > p.y.abs() { (p.x, p.y / p.x) } else { (p.y, 2.0 - p.x / p.y) };
+            let angle = std::f64::consts::FRAC_PI_4 * f64::from(turn);
+            let want = f64::from(radius) * crate::math::DVec2::new(angle.cos(), angle.sin());
+            assert!((disk(u).as_dvec2() - want).length() < 2e-7, "{u}: {}, expected {want}", disk(u));
+        }
     }
 
     #[test]

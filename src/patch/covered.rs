@@ -28,12 +28,26 @@ struct Covered {
     hidden: f64,
     /// Of that: by a front where the patch is a front too, so that its area was given twice.
     twice: f64,
+    /// A shape that was seen instead.
+    by: Option<u32>,
 }
 
 impl PatchMesh {
     /// Takes hidden parts off the areas of all patches.
     pub(super) fn leave_out_covered(&mut self, world: &World) {
-        let covered: Vec<Covered> = (0..self.len()).into_par_iter().map(|i| self.covered(world, PatchId(i as u32))).collect();
+        let all = || (0..self.len() as u32).into_par_iter().map(PatchId);
+        let first: Vec<Covered> = all().map(|id| self.look(world, id, 0..FIRST_LOOK)).collect();
+        // Which of two surfaces a ray meets is decided by rounding. Where one is met seldom the other's first look
+        // may miss it, but not its own.
+        let mut hides = vec![false; world.scene().shapes.len()];
+        first.iter().filter_map(|covered| covered.by).for_each(|shape| hides[shape as usize] = true);
+        let covered: Vec<Covered> = all()
+            .zip(&first)
+            .map(|(id, first)| {
+                let is_shared = first.hidden > 0.0 || hides[self.side_of(world, id).0 as usize];
+                if is_shared { self.measure_covered(world, id, first) } else { *first }
+            })
+            .collect();
         let mut twice = CompensatedSum::default();
         for (area, covered) in self.area.iter_mut().zip(&covered) {
             twice.add(covered.twice * *area);
@@ -43,14 +57,10 @@ impl PatchMesh {
         self.given_twice = twice.value();
     }
 
-    fn covered(&self, world: &World, id: PatchId) -> Covered {
-        let first = self.look(world, id, 0..FIRST_LOOK);
-        if first.hidden == 0.0 {
-            return first;
-        }
+    fn measure_covered(&self, world: &World, id: PatchId, first: &Covered) -> Covered {
         let rest = self.look(world, id, FIRST_LOOK..RAYS);
         let mean = |a: f64, b: f64| (a + b) / RAYS as f64;
-        Covered { hidden: mean(first.hidden, rest.hidden), twice: mean(first.twice, rest.twice) }
+        Covered { hidden: mean(first.hidden, rest.hidden), twice: mean(first.twice, rest.twice), by: first.by }
     }
 
     /// Counts of rays.
@@ -69,6 +79,7 @@ impl PatchMesh {
             let opaque = !world.scene().material_of(world.shape(hit.primitive)).material.is_transmissive();
             if hit.shape != at.shape && same_place && opaque {
                 covered.hidden += 1.0;
+                covered.by = Some(hit.shape);
                 covered.twice += f64::from(u8::from(hit.front && at.front));
             }
         }

@@ -124,3 +124,35 @@ fn patches_without_light_or_reflection() {
         assert!(got.converged, "{solver:?}");
     }
 }
+
+/// What a set of patches still needs does not touch another that is solved: not a bit, however many cycles it takes.
+#[test]
+fn a_set_that_is_solved_is_left_alone() {
+    // Beside the cube a row of patches, each of which sees the next ones alone: light takes a product for each, more
+    // than a cycle has.
+    const LONG: usize = 2 * krylov::CYCLE as usize;
+    let cube = cube();
+    let of_cube = (0..6).map(|i| cube.direct(i).map(|(j, f)| (j as u32, f as f32)).collect::<Vec<_>>());
+    let of_row = (0..LONG as u32).map(|i| match i {
+        0 => vec![(7, 1.0)],
+        i if i + 1 == LONG as u32 => vec![(5 + i, 1.0)],
+        i => vec![(5 + i, 0.5), (7 + i, 0.5)],
+    });
+    let matrix = FormFactorMatrix::from_rows(of_cube.chain(of_row).map(|direct| Row { direct, ..Row::default() }).collect());
+    let n = 6 + LONG;
+    let area: Vec<f64> = (0..n).map(|i| if i == 6 || i + 1 == n { 0.5 } else { 1.0 }).collect();
+    let rho: Vec<Rgb> = (0..n).map(|i| Rgb::grey(if i < 6 { 0.5 + 0.02 * i as f64 } else { 1.0 - 1e-6 })).collect();
+    let source: Vec<Rgb> = (0..n).map(|i| Rgb::grey(if i < 7 { 1.0 + 0.1 * i as f64 } else { 0.0 })).collect();
+    for solver in [Solver::Cg, Solver::Gmres, Solver::BiCgStab] {
+        let solved = |max_sweeps: u32| {
+            let system = RadiositySystem { rho: &rho, area: &area, form_factors: &matrix, source: source.clone() };
+            let settings = SolverSettings { max_sweeps, ..settings(solver, 1e-9) };
+            let solution = solve(&system, &settings, &mut silent).expect("solves");
+            (solution.irradiance[..6].iter().map(|h| h.to_array().map(f64::to_bits)).collect::<Vec<_>>(), solution)
+        };
+        let ((early, first), (late, second)) = (solved(500), solved(1500));
+        let more = second.sweeps - first.sweeps;
+        assert!(!first.converged && more > krylov::CYCLE, "{solver:?}: {} and {} products", first.sweeps, second.sweeps);
+        assert_eq!(early, late, "{solver:?}");
+    }
+}

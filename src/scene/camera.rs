@@ -97,26 +97,54 @@ impl Camera {
         if spans_width { tan } else { tan * aspect }
     }
 
+    /// A film of `width` x `height` pixels before the camera.
+    pub fn view(&self, width: usize, height: usize) -> View<'_> {
+        let per_pixel = 2.0 * self.half_width(width, height) / width as f64;
+        let middle = DVec2::new(width as f64, height as f64) * (0.5 - self.principal_point);
+        View { camera: self, per_pixel, middle, origin: self.to_scene.translation.as_vec3() }
+    }
+
     /// The ray through film point `p` in pixels: (0, 0) is the top left corner of a film of `width` x `height`.
     pub fn ray(&self, p: Vec2, width: usize, height: usize) -> Ray {
-        let half_width = self.half_width(width, height);
-        let per_pixel = 2.0 * half_width / width as f64;
-        let middle = DVec2::new(width as f64, height as f64) * (0.5 - self.principal_point);
-        let x = (middle.x - f64::from(p.x)) * per_pixel;
-        let y = (middle.y - f64::from(p.y)) * per_pixel;
-        let local = DVec3::new(x, y, 1.0).normalize();
-        let direction = self.to_scene.transform_vector3(local).normalize();
-        Ray {
-            origin: self.to_scene.translation.as_vec3(),
-            direction: direction.as_vec3(),
-            t_min: (self.near_clip / local.z) as f32,
-            t_max: (self.far_clip / local.z) as f32,
-        }
+        self.view(width, height).ray(p)
     }
 
     /// Viewing direction, unit length.
     pub fn forward(&self) -> Vec3 {
         self.to_scene.transform_vector3(DVec3::Z).normalize().as_vec3()
+    }
+}
+
+/// A camera with its film: what all rays through the film share.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    camera: &'a Camera,
+    /// Width of a pixel at unit distance.
+    per_pixel: f64,
+    /// Where the view axis meets the film [pixels].
+    middle: DVec2,
+    origin: Vec3,
+}
+
+impl View<'_> {
+    /// Width of a pixel at unit distance.
+    pub fn per_distance(&self) -> f32 {
+        self.per_pixel as f32
+    }
+
+    /// The ray through film point `p` in pixels: (0, 0) is the top left corner.
+    #[inline]
+    pub fn ray(&self, p: Vec2) -> Ray {
+        let x = (self.middle.x - f64::from(p.x)) * self.per_pixel;
+        let y = (self.middle.y - f64::from(p.y)) * self.per_pixel;
+        let local = DVec3::new(x, y, 1.0).normalize();
+        let direction = self.camera.to_scene.transform_vector3(local).normalize();
+        Ray {
+            origin: self.origin,
+            direction: direction.as_vec3(),
+            t_min: (self.camera.near_clip / local.z) as f32,
+            t_max: (self.camera.far_clip / local.z) as f32,
+        }
     }
 }
 

@@ -6,7 +6,7 @@ mod needs;
 mod repair;
 
 pub use build::{LightSource, SceneError, SceneSource, ShapeSource, SurfaceSource};
-pub use camera::{Camera, Sighting};
+pub use camera::{Camera, Sighting, View};
 
 use crate::geometry::{Mesh, Sphere};
 use crate::light::{Environment, Light};

@@ -69,7 +69,9 @@ pub fn html(rows: &[Row], version: &str) -> String {
             (Some(error), Some(bound)) => format!("{error:.1e} <span>of {bound:.0e}</span>"),
             _ => String::new(),
         };
-        let plot = row.curve.as_ref().map(|c| plot(c.axis, &c.points, row.bound)).unwrap_or_default();
+        // One point is no curve: its error stands beside it.
+        let curve = row.curve.as_ref().filter(|c| c.points.len() > 1);
+        let plot = curve.map(|c| plot(c.axis, &c.points, row.bound)).unwrap_or_default();
         // Writing to a String cannot fail.
         let _ = writeln!(
             body,

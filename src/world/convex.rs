@@ -1,7 +1,10 @@
 //! Rooms in which nothing can stand between two surfaces.
 
+pub mod bundle;
+
 use super::World;
-use crate::geometry::{Ray, Soup, triangle};
+use crate::geometry::triangle::Edges;
+use crate::geometry::{Ray, Soup};
 use crate::light::Light;
 use crate::math::{DVec2, DVec3, Vec3, Vec4};
 
@@ -37,6 +40,8 @@ struct Walls {
     offset: [Vec4; 2],
     /// Triangles of each.
     triangles: [Vec<Candidate>; MOST_WALLS],
+    /// Number of walls.
+    n: usize,
     /// Heights below this are no more than rounding.
     rounding: Vec4,
     /// Heights below this are near.
@@ -49,8 +54,9 @@ struct Candidate {
     primitive: u32,
     /// Barycentric weights of the second and third corner as affine functions of a point, roughly.
     weights: [(Vec3, f32); 2],
-    /// First corner and edges.
-    place: [DVec3; 3],
+    edges: Edges,
+    /// True if the triangle's normal points to the inside.
+    is_front: bool,
 }
 
 /// What a point inside a convex room knows of its walls: rays from there need not find it out one by one.
@@ -149,13 +155,14 @@ impl Hull {
         })
     }
 
-    /// The triangle that a ray from inside meets and the barycentric weights there, where no rounding can make it another.
+    /// The triangle that a ray from inside meets, the barycentric weights there and the ray parameter, where no
+    /// rounding can make it another.
     ///
     /// Which wall comes first is found roughly, and then proved: in a convex room the triangle that a line from inside passes through, well
     /// within its border, is the only one. What the engine might find instead is a wall seen edge-on, by rounding: one that the ray
     /// starts near, as all others are far from it as long as it is inside.
     #[inline(always)]
-    pub fn meet(&self, outlook: &Outlook, ray: &Ray) -> Option<(u32, (f64, f64))> {
+    pub fn meet(&self, outlook: &Outlook, ray: &Ray) -> Option<(u32, (f64, f64), f32)> {
         let walls = self.walls.as_ref()?;
         let cosine = [0, 1].map(|half: usize| along(&walls.normal[half], ray.direction));
         let is_clear = [0, 1].map(|half: usize| cosine[half].abs().cmpgt(outlook.least[half]).all());
@@ -164,7 +171,9 @@ impl Hull {
             Vec4::select(cosine[half].cmplt(Vec4::splat(-GRAZING)), -cosine[half] * outlook.inverse[half], Vec4::ZERO)
         });
         let first = rate[0].max(rate[1]).max_element();
-        if !(is_clear[0] && is_clear[1] && first > 0.0 && ray.t_max == f32::INFINITY) {
+        // What a camera passes through or leaves out ends well before or beyond that wall.
+        let is_within = ray.t_min * first < 0.5 && ray.t_max * first > 2.0;
+        if !(is_clear[0] && is_clear[1] && first > 0.0 && is_within) {
             return None;
         }
         let at = |half: usize| rate[half].cmpeq(Vec4::splat(first)).bitmask();
@@ -175,10 +184,12 @@ impl Hull {
             if u.min(v).min(1.0 - u - v) < 0.0 {
                 continue;
             }
-            let [a, e1, e2] = of.place;
-            let (u, v) = triangle::barycentric_by_edges(ray, a, e1, e2);
+            let seen = of.edges.seen_from(ray.origin);
+            let [determinant, u, v] = seen.products(ray.direction);
+            // As triangle::locate.
+            let (u, v) = (u / determinant, v / determinant);
             if u.min(v).min(1.0 - u - v) > BORDER {
-                return Some((of.primitive, (u, v)));
+                return Some((of.primitive, (u, v), (seen.height / determinant) as f32));
             }
         }
         None
@@ -195,11 +206,14 @@ impl Walls {
     fn of(facets: &[Facet], soup: &Soup, diagonal: f64) -> Self {
         let at = |k: usize| facets.get(k).unwrap_or(&facets[0]);
         let four = |half: usize, value: &dyn Fn(&Facet) -> f64| Vec4::from([0, 1, 2, 3].map(|k| value(at(4 * half + k)) as f32));
-        let triangle = |&primitive: &u32| Candidate::of(primitive, soup.corners(primitive as usize));
+        let triangles = |of: &Facet| -> Vec<Candidate> {
+            of.triangles.iter().map(|&primitive| Candidate::of(primitive, soup.corners(primitive as usize), of.normal)).collect()
+        };
         Self {
             normal: [0, 1].map(|half| [0, 1, 2].map(|axis| four(half, &|f| f.normal[axis]))),
             offset: [0, 1].map(|half| four(half, &|f| f.normal.dot(f.origin))),
-            triangles: std::array::from_fn(|k| at(k).triangles.iter().map(triangle).collect()),
+            triangles: std::array::from_fn(|k| triangles(at(k))),
+            n: facets.len(),
             rounding: Vec4::splat((2.0 * ROUNDING * diagonal) as f32),
             near: Vec4::splat((NEAR * diagonal) as f32),
         }
@@ -207,7 +221,7 @@ impl Walls {
 }
 
 impl Candidate {
-    fn of(primitive: u32, corners: [Vec3; 3]) -> Self {
+    fn of(primitive: u32, corners: [Vec3; 3], inside: DVec3) -> Self {
         let [a, b, c] = corners.map(|v| v.as_dvec3());
         let (e1, e2) = (b - a, c - a);
         let normal = e1.cross(e2);
@@ -215,7 +229,12 @@ impl Candidate {
             let gradient = edge / normal.length_squared();
             (gradient.as_vec3(), -gradient.dot(a) as f32)
         };
-        Self { primitive, weights: [affine(e2.cross(normal)), affine(normal.cross(e1))], place: [a, e1, e2] }
+        Self {
+            primitive,
+            weights: [affine(e2.cross(normal)), affine(normal.cross(e1))],
+            edges: Edges::new(corners),
+            is_front: normal.dot(inside) > 0.0,
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What is known of every triangle before a ray meets it, in scenes of flat walls that reflect diffusely and alike all over.
 
 use super::convex::Outlook;
+use super::convex::bundle::{Met, Panorama};
 use super::stages::Stages;
 use super::{SurfaceInteraction, World};
 use crate::geometry::{Ray, Soup, triangle};
@@ -108,16 +109,15 @@ impl World {
             _ => None,
         };
         let back = -ray.direction;
-        let (primitive, place) = match by_hull {
+        let (primitive, place, t) = match by_hull {
             Some(found) => found,
             None => {
                 let primitive = self.accel.intersect(ray)?.primitive;
-                let [a, b, c] = flat.triangle(primitive).vertices;
-                (primitive, triangle::barycentric(ray, a, b, c))
+                let (place, t) = triangle::locate(ray, flat.triangle(primitive).vertices);
+                (primitive, place, t)
             }
         };
         let of = flat.triangle(primitive);
-        let t = triangle::parameter(ray, of.vertices, place);
         let front = back.dot(of.normal) >= 0.0;
         let normal = if front { of.normal } else { -of.normal };
         // As Material::diffuse_toward: a viewer in the plane of a face sees nothing of it. By the hull no face is met at such an angle.
@@ -125,6 +125,23 @@ impl World {
         let is_seen = (K::HULL && by_hull.is_some()) || back.normalize().dot(normal) > 0.0;
         let rho = if diffuse && is_seen { of.rho } else { Rgb::BLACK };
         Some(FlatHit { primitive, shape: of.shape, place, t, front, diffuse, rho, normal, back })
+    }
+
+    /// What a point of a convex room knows of its walls for bundles of rays.
+    #[inline(always)]
+    pub fn panorama<K: Stages>(&self, origin: Vec3) -> Option<Panorama> {
+        if K::HULL { self.hull.as_ref()?.panorama(origin) } else { None }
+    }
+
+    /// What a ray of a bundle has met, as [`Self::meet_flat`] has it.
+    #[inline(always)]
+    pub fn met_in_bundle(&self, met: Met, direction: Vec3) -> Option<FlatHit> {
+        let Met { primitive, place, t, is_front: front } = met;
+        let of = self.flat.as_ref()?.triangle(primitive);
+        let normal = if front { of.normal } else { -of.normal };
+        let diffuse = front || of.two_sided;
+        let rho = if diffuse { of.rho } else { Rgb::BLACK };
+        Some(FlatHit { primitive, shape: of.shape, place, t, front, diffuse, rho, normal, back: -direction })
     }
 
     /// The surface there.

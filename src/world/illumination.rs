@@ -188,6 +188,36 @@ impl World {
         }
     }
 
+    /// As [`Self::direct_by`] where nothing hides a light, none is infinitely far away and each is sampled: light from
+    /// all lights that are found by
+    /// shadow rays, times what `respond` makes of each direction.
+    #[inline(always)]
+    pub fn unhidden<K: Stages>(
+        &self,
+        si: &SurfaceInteraction,
+        sampling: DirectSampling,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        respond: impl Fn(Vec3) -> Rgb,
+    ) -> Rgb {
+        let faces = Receiver { normal: Some(si.ng), in_passing: sampling.in_passing };
+        let mut sum = Rgb::BLACK;
+        for &light in self.partition.shadow_lights() {
+            let u = sampler.next_2d();
+            let sample = match &self.scene.lights[light] {
+                Light::Point(lamp) => lamp.sample(si.point),
+                lamp => lamp.sample(si.point, faces, u),
+            };
+            let Some(sample) = sample else { continue };
+            let response = respond(sample.direction);
+            if !response.is_black() {
+                counts.shadow += 1;
+                sum += in_channels::<K>(response, sample.irradiance, |response, irradiance| response * irradiance);
+            }
+        }
+        sum
+    }
+
     /// Rough unoccluded irradiance by which lights are picked.
     #[inline]
     fn light_importance(&self, light: usize, point: Vec3, receiver: Option<Vec3>) -> f64 {
@@ -307,6 +337,12 @@ impl ShadowRay {
     pub fn share_beside_gather_rays(&self, rays: f64, cos: f32) -> f64 {
         if self.surroundings { super::sight::balance(self.density, super::sight::cosine_density(rays, cos)) } else { 1.0 }
     }
+}
+
+/// What `of` makes of two colours, channel by channel; of the first alone where one stands for all.
+#[inline(always)]
+fn in_channels<K: Stages>(a: Rgb, b: Rgb, of: impl Fn(f64, f64) -> f64) -> Rgb {
+    if K::COLOUR { Rgb::new(of(a.r, b.r), of(a.g, b.g), of(a.b, b.b)) } else { Rgb::grey(of(a.r, b.r)) }
 }
 
 /// The ray to a sample of a light.

@@ -278,10 +278,9 @@ impl World {
     fn interaction<K: Stages>(&self, ray: &Ray, hit: Hit) -> SurfaceInteraction {
         match self.soup.primitive(hit.primitive) {
             Primitive::Triangle([a, b, c]) => {
-                let weights = triangle::barycentric(ray, a, b, c);
+                let (weights, t) = triangle::locate(ray, [a, b, c]);
                 let mut si = self.on_triangle_by::<K>(hit.primitive, weights, -ray.direction);
-                si.t = triangle::parameter(ray, [a, b, c], weights);
-                si.end = hit.t;
+                (si.t, si.end) = (t, hit.t);
                 si
             }
             Primitive::Sphere(sphere) => {

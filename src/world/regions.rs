@@ -324,11 +324,7 @@ impl<'a> Shell<'a> {
     /// that triangle is not crossed.
     fn parity(&self, point: DVec3, leaving: Option<(usize, DVec3)>) -> Option<bool> {
         'directions: for k in 1..=DIRECTIONS {
-            // Any directions will do that are not those of walls.
-            let (s, c) = (2.399_963 * f64::from(k) + 0.3).sin_cos();
-            let z = (0.754_877_7 * f64::from(k)).fract() * 1.8 - 0.9;
-            let r = (1.0 - z * z).sqrt();
-            let mut direction = DVec3::new(r * c, z, r * s);
+            let mut direction = direction(k);
             if let Some((_, side)) = leaving {
                 let cos = direction.dot(side);
                 if cos.abs() < 0.1 {
@@ -347,6 +343,14 @@ impl<'a> Shell<'a> {
         }
         None
     }
+}
+
+/// Direction `k` of those that are tried. Any will do that are not those of walls.
+fn direction(k: u32) -> DVec3 {
+    let (s, c) = (2.399_963 * f64::from(k) + 0.3).sin_cos();
+    let z = (0.754_877_7 * f64::from(k)).fract() * 1.8 - 0.9;
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * c, z, r * s)
 }
 
 /// True if a ray crosses a triangle; `None` if it passes too near to an edge, or along it, to tell.
@@ -412,6 +416,31 @@ mod tests {
         );
     }
 
+    /// A point within whose first rays pass exactly through corners and edges of the shell, and one on the shell, of
+    /// which no ray can tell.
+    #[test]
+    fn rays_through_edges_decide_nothing() {
+        for unclear in 1..=3 {
+            // Corners where the first rays arrive, or on an edge between the first two of them; the others around the point.
+            let (a, b) = (direction(1), direction(2));
+            let on_edge = unclear == 3;
+            let corners = if on_edge { [2.0 * a - b, b] } else { [a, if unclear == 2 { b } else { -0.3 * a + b }] };
+            let middle = -0.5 * (corners[0] + corners[1]);
+            let across = corners[0].cross(corners[1]).normalize();
+            let [c, d] = [1.0, -1.0].map(|side| 1.5 * middle + 2.0 * side * across);
+            let [a, b] = corners;
+            let tetrahedron = [[a, b, c], [a, c, d], [a, d, b], [b, d, c]];
+            let shell = Shell::of(vec![0, 1, 2, 3], &tetrahedron);
+            assert!(
+                tetrahedron.iter().any(|t| crosses(DVec3::ZERO, direction(1), *t).is_none()),
+                "{unclear}: the first ray is clear"
+            );
+            assert_eq!(shell.parity(DVec3::ZERO, None), Some(true), "{unclear}: within");
+            assert_eq!(shell.parity(10.0 * direction(1), None), Some(false), "{unclear}: without");
+            assert_eq!(shell.parity((a + b + c) / 3.0, None), None, "{unclear}: on a face");
+        }
+    }
+
     #[test]
     fn what_is_open_folded_or_crosses_itself_is_no_shell() {
         let corners = tetrahedron();
@@ -433,6 +462,9 @@ mod tests {
         assert!(are_near(&t, &moved(DVec3::new(0.5, 0.499, 0.0)), 0.01));
         // In one plane, past the longest edge.
         assert!(!are_near(&t, &moved(DVec3::new(0.52, 0.52, 0.0)), 0.01));
+        // In one plane, along an edge whose normal joins no two corners.
+        let beside = |gap: f64| [[2.0, -1.0], [-1.0, 2.0], [4.0, 1.0]].map(|[x, y]| DVec3::new(x + gap, y + gap, 0.0));
+        assert!(!are_near(&t, &beside(0.01), 0.01) && are_near(&t, &beside(0.005), 0.01));
         // Through each other.
         assert!(are_near(&t, &[DVec3::new(0.2, 0.2, -1.0), DVec3::new(0.2, 0.2, 1.0), DVec3::new(3.0, 3.0, 0.0)], 0.01));
     }

@@ -110,6 +110,22 @@ fn an_unseen_bright_room_changes_no_bit() {
     assert!(!keeps(&lean, "unseen-surfaces"));
 }
 
+/// More lamps than a point looks at: how many points a patch has is decided by the light of all lamps together, but not by
+/// that of a bright one which
+/// nobody sees.
+#[test]
+fn a_bright_lamp_that_nobody_sees_decides_nothing() {
+    let mut room = two_rooms(false, 8);
+    let (unseen, grey) = (room.source.shapes.len() - 1, room.grey(0.5));
+    room.source.shapes[unseen].emission = Texture::grey(300.0);
+    for k in 0..4 {
+        let corner = DVec3::new(-0.9, -0.9 + 0.45 * f64::from(k), 0.2 * f64::from(k) - 0.5);
+        room.quad(corner, DVec3::Y * 0.3, DVec3::Z * 0.3, grey, 5.0);
+    }
+    let [lean, full] = both(&room.scene(), &quick(4, 0.4), "five lamps");
+    assert!(!keeps(&lean, "unseen-surfaces") && full.counts.idle > 0);
+}
+
 /// A furnace whose walls glow nearly alike needs no gather at a goal: all radiance lies between L/(1 - rho) of its darkest and its brightest
 /// wall. The other stage that changes the picture, by less than its bound.
 #[test]

@@ -1,14 +1,16 @@
 //! Mirrors and glass: Kr and Kt against closed forms.
 
 use crate::support::{Room, quick, run};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
+use twopass::accel::AccelKind;
+use twopass::geometry::{Ray, tessellate};
 use twopass::integrator::{IntegratorSettings, ReadOut};
-use twopass::math::SamplerKind;
+use twopass::math::{DAffine3, Sampler, SamplerKind};
 use twopass::pipeline::probe::Prober;
 use twopass::pipeline::solve;
 use twopass::progress::silent;
-use twopass::scene::Scene;
-use twopass::world::DirectSampling;
+use twopass::scene::{Scene, SurfaceSource};
+use twopass::world::{DirectSampling, World};
 
 const PROBE: IntegratorSettings = IntegratorSettings {
     read_out: ReadOut::FinalGather,
@@ -242,4 +244,55 @@ fn long_chains_of_gather_rays_keep_their_mean() {
         Prober { world: &solved.world, pass_one: &solved.pass_one, settings: PROBE, samples: 65_536 }.irradiance(&at);
     // Radiance rho/(1 - rho²) from every direction of the hemisphere; a few grazing rays leave the mirrors.
     assert_close("irradiance", found[0].total.g, std::f64::consts::PI * rho / (1.0 - rho * rho), 1.5e-2);
+}
+
+/// In a closed block every ray that leaves a wall to the inside meets another, also from points where walls meet: a ray
+/// that starts beyond the
+/// wall beside its own would leave the block, and light that is trapped in glass with it.
+#[test]
+fn no_ray_leaves_a_closed_block_through_an_edge() {
+    let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7);
+    for (name, to_world) in [
+        ("cube", DAffine3::IDENTITY),
+        ("turned", DAffine3::from_quat(turn)),
+        ("aside", DAffine3::from_translation(DVec3::new(7.3, -2.1, 0.4))),
+        ("flat", DAffine3::from_quat(turn) * DAffine3::from_scale(DVec3::new(1.0, 0.1, 1.0))),
+        // Edges of 27 degrees.
+        ("sharp", DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::new(0.9, 0.45, 0.0), DVec3::Z))),
+    ] {
+        let mut room = Room::new(DVec3::new(0.0, 0.0, -30.0), DVec3::ZERO, 4);
+        let grey = room.grey(0.5);
+        // A large wall far away, as scenes have around a block: what is rounded goes with coordinates.
+        room.quad(DVec3::new(-20.0, -20.0, 20.0), DVec3::Y * 40.0, DVec3::X * 40.0, grey, 0.0);
+        room.add(SurfaceSource::Triangles(tessellate::cube(&to_world)), grey, 0.0);
+        let world = World::new(room.scene(), AccelKind::Obvhs).expect("a world");
+        let origin = world.scene().origin;
+        let at = |p: [f64; 3]| to_world.transform_point3(DVec3::from(p)) - origin;
+        let (mut rays, mut lost) = (0, 0);
+        for index in 0..20_000 {
+            let mut random = Sampler::new(1, 5, index);
+            let mut next = || 2.0 * f64::from(random.next_1d()) - 1.0;
+            let from = at([next(), next(), next()].map(|x| 0.9 * x));
+            // A point of an edge, or nearly, every eighth time of a corner.
+            let mut target = [next(), next(), next()];
+            let axis = index as usize % 3;
+            [1, 2]
+                .into_iter()
+                .for_each(|k| target[(axis + k) % 3] = target[(axis + k) % 3].signum() * (1.0 - 1e-8 * next().abs()));
+            if index % 8 == 0 {
+                target[axis] = target[axis].signum();
+            }
+            let mut ray = Ray::new(from.as_vec3(), (at(target) - from).as_vec3().normalize());
+            for _ in 0..8 {
+                rays += 1;
+                // The far wall stands behind all.
+                let Some(si) = world.intersect(&ray).filter(|si| si.shape == 1 && !si.front) else {
+                    lost += 1;
+                    break;
+                };
+                ray = si.spawn((ray.direction - 2.0 * ray.direction.dot(si.ng) * si.ng).normalize());
+            }
+        }
+        assert!(rays > 100_000 && lost == 0, "{name}: {lost} of {rays} rays leave");
+    }
 }

@@ -5,6 +5,7 @@ use super::{IrradianceCache, Record};
 use crate::integrator::whitted::Path;
 use crate::integrator::{Frame, TwoPass};
 use crate::math::{Vec2, sampler::mix};
+use crate::scene::View;
 use crate::world::walk::RayCounts;
 use crate::world::{Stages, SurfaceInteraction};
 use rayon::prelude::*;
@@ -54,6 +55,7 @@ impl<K: Stages> TwoPass<'_, K> {
         let mut spent = 0;
         let mut key = 0;
         let [width, height] = [frame.crop[2], frame.crop[3]];
+        let view = frame.seen_by(self.world);
         let mut stride = COARSEST;
         while stride >= settings.spacing {
             // Four interleaved parts of each lattice: what one part fills, the next need not.
@@ -67,7 +69,7 @@ impl<K: Stages> TwoPass<'_, K> {
                     .par_iter()
                     .map(|pixel| {
                         let mut counts = RayCounts::default();
-                        (self.gaps(frame, *pixel, stride, &cache, settings.seed, &mut counts), counts)
+                        (self.gaps((frame, &view), *pixel, stride, &cache, settings.seed, &mut counts), counts)
                     })
                     .collect();
                 let mut gaps = Vec::new();
@@ -104,7 +106,7 @@ impl<K: Stages> TwoPass<'_, K> {
     /// What a camera ray through the pixel meets that the cache does not cover.
     fn gaps(
         &self,
-        frame: &Frame,
+        (frame, view): (&Frame, &View<'_>),
         pixel: usize,
         stride: usize,
         cache: &IrradianceCache,
@@ -114,9 +116,7 @@ impl<K: Stages> TwoPass<'_, K> {
         let (x, y) = frame.pixel(pixel);
         let mut sampler = crate::math::Sampler::new(mix(seed ^ 0x6a70), (y * frame.width + x) as u64, stride as u64);
         let film_point = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-        let ray = self.world.scene().camera.ray(film_point, frame.width, frame.height);
-        let camera = &self.world.scene().camera;
-        let per_distance = 2.0 * camera.half_width(frame.width, frame.height) as f32 / frame.width as f32;
+        let (ray, per_distance) = (view.ray(film_point), view.per_distance());
         let mut trace = crate::integrator::whitted::Trace::new(sampler, 0, 0, counts);
         trace.collect = Some(crate::integrator::whitted::Collect { cache, per_distance, gaps: Vec::new() });
         self.radiance(&ray, Path::START, &mut trace);

@@ -4,9 +4,10 @@ use super::{OVERLAP, Record};
 use crate::accel::{Work, widest};
 use crate::geometry::Ray;
 use crate::integrator::TwoPass;
-use crate::integrator::final_gather::NEAR_LEVELS;
+use crate::integrator::final_gather::{Gathered, NEAR_LEVELS};
 use crate::math::sampler::Series;
 use crate::math::{Frame, Rgb, Vec3, warp};
+use crate::world::convex::bundle::{Directions, LANES, Panorama};
 use crate::world::sight::{Origin, cosine_density};
 use crate::world::walk::RayCounts;
 use crate::world::{Sight, Stages, SurfaceInteraction};
@@ -34,6 +35,65 @@ struct Seen<const N: usize> {
     emitted: [f64; N],
     /// One over the distance to what was seen; 0 for what is infinitely far.
     nearness: f64,
+}
+
+impl<const N: usize> Seen<N> {
+    #[inline(always)]
+    fn of(found: &Gathered, acceptance: Rgb) -> Self {
+        Self {
+            radiance: first((found.reflected + found.emitted) * acceptance),
+            emitted: first(found.emitted * acceptance),
+            nearness: 1.0 / f64::from(found.distance).max(1e-30),
+        }
+    }
+}
+
+/// A hemisphere in rings and sectors of equal projected solid angle, ring by ring from the middle.
+struct Strata {
+    rings: usize,
+    sectors: usize,
+}
+
+impl Strata {
+    fn len(&self) -> usize {
+        self.rings * self.sectors
+    }
+
+    /// Ring and sector of stratum `i`.
+    #[inline(always)]
+    fn place(&self, i: usize) -> [f64; 2] {
+        [(i / self.sectors) as f64, (i % self.sectors) as f64]
+    }
+
+    /// Direction in the frame of the hemisphere through the point `(u, v)` of a ring and sector.
+    #[inline(always)]
+    fn direction(&self, [ring, sector]: [f64; 2], u: f32, v: f32) -> [f32; 3] {
+        let sin2 = (ring + f64::from(u)) / self.rings as f64;
+        let (sin_phi, cos_phi) = warp::sin_cos_of_turn((sector + f64::from(v)) / self.sectors as f64);
+        let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(1e-6).sqrt());
+        [(sin * cos_phi) as f32, (sin * sin_phi) as f32, cos as f32]
+    }
+
+    /// Directions through points of strata from the `first` on, in the axes of the world.
+    #[inline(always)]
+    fn directions(&self, first: usize, [u, v]: [&[f32; LANES]; 2], frame: &Frame) -> Directions {
+        let [mut rings, mut sectors] = [[0.0; LANES]; 2];
+        for lane in 0..LANES {
+            [rings[lane], sectors[lane]] = self.place(first + lane);
+        }
+        let [mut x, mut y, mut z] = [[0.0_f32; LANES]; 3];
+        for lane in 0..LANES {
+            [x[lane], y[lane], z[lane]] = self.direction([rings[lane], sectors[lane]], u[lane], v[lane]);
+        }
+        let mut directions = [[0.0; LANES]; 3];
+        for (axis, along) in directions.iter_mut().enumerate() {
+            let (s, t, n) = (frame.s[axis], frame.t[axis], frame.n[axis]);
+            for lane in 0..LANES {
+                along[lane] = s * x[lane] + t * y[lane] + n * z[lane];
+            }
+        }
+        directions
+    }
 }
 
 /// The work of one record.
@@ -92,42 +152,86 @@ impl<K: Stages> TwoPass<'_, K> {
         let start = si.spawn(si.ng).origin;
         let outlook = self.world.outlook::<K>(start);
         let series = Series::new(settings.seed, key);
-        for j in 0..rings {
-            for k in 0..sectors {
-                let mut sampler = series.sampler((j * sectors + k) as u64);
-                let u = sampler.next_2d();
-                let sin2 = (j as f64 + f64::from(u.x)) / rings as f64;
-                let (sin_phi, cos_phi) = warp::sin_cos_of_turn((k as f64 + f64::from(u.y)) / sectors as f64);
-                let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(1e-6).sqrt());
-                let local = Vec3::new((sin * cos_phi) as f32, (sin * sin_phi) as f32, cos as f32);
-                let direction = frame.to_world(local);
-                let origin = Origin {
-                    point: si.point,
-                    receiver: shading.receiver(),
-                    density: cosine_density(f64::from(self.settings.gather_rays), local.z),
-                    sampling: self.settings.direct,
-                };
-                // Bent normals look below the face itself, where nothing arrives.
-                if direction.dot(si.ng) <= 0.0 {
-                    seen.push(Seen::<N> { radiance: [0.0; N], emitted: [0.0; N], nearness: 0.0 });
-                    continue;
-                }
-                counts.gather += 1;
-                let (found, acceptance) = if K::PLAIN {
-                    let ray = Ray::new(start, direction);
-                    (self.plain_gathered((&ray, &outlook), 0, NEAR_LEVELS, &mut sampler, counts), Rgb::WHITE)
-                } else {
-                    let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
-                    (found, shading.acceptance(direction))
-                };
-                seen.push(Seen {
-                    radiance: first((found.reflected + found.emitted) * acceptance),
-                    emitted: first(found.emitted * acceptance),
-                    nearness: 1.0 / f64::from(found.distance).max(1e-30),
-                });
+        let strata = Strata { rings, sectors };
+        let panorama = if strata.len() <= Series::LEN { self.world.panorama::<K>(start) } else { None };
+        if let Some(panorama) = panorama {
+            counts.gather += strata.len() as u64;
+            for first in (0..strata.len()).step_by(LANES) {
+                self.gather_bundle(first, &strata, (&frame, start), &panorama, &series, counts, &mut seen);
             }
+            return self.record_of(si, &frame, &seen, rings, settings, reach);
+        }
+        for i in 0..strata.len() {
+            let mut sampler = series.sampler(i as u64);
+            let u = sampler.next_2d();
+            let local = Vec3::from(strata.direction(strata.place(i), u.x, u.y));
+            let direction = frame.to_world(local);
+            let origin = Origin {
+                point: si.point,
+                receiver: shading.receiver(),
+                density: cosine_density(f64::from(self.settings.gather_rays), local.z),
+                sampling: self.settings.direct,
+            };
+            // Bent normals look below the face itself, where nothing arrives.
+            if direction.dot(si.ng) <= 0.0 {
+                seen.push(Seen::<N> { radiance: [0.0; N], emitted: [0.0; N], nearness: 0.0 });
+                continue;
+            }
+            counts.gather += 1;
+            let (found, acceptance) = if K::PLAIN {
+                let ray = Ray::new(start, direction);
+                (self.plain_gathered((&ray, &outlook), 0, NEAR_LEVELS, &mut sampler, counts), Rgb::WHITE)
+            } else {
+                let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
+                (found, shading.acceptance(direction))
+            };
+            seen.push(Seen::of(&found, acceptance));
         }
         self.record_of(si, &frame, &seen, rings, settings, reach)
+    }
+
+    /// The same for some rays of a record in a plain convex room, from the `first` on: they start at one point, and no
+    /// normal is bent.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "what all bundles of a record share, found once")]
+    fn gather_bundle<const N: usize>(
+        &self,
+        first: usize,
+        strata: &Strata,
+        (frame, start): (&Frame, Vec3),
+        panorama: &Panorama,
+        series: &Series,
+        counts: &mut RayCounts,
+        seen: &mut Vec<Seen<N>>,
+    ) {
+        let [mut u, mut v] = [[0.0_f32; LANES]; 2];
+        for lane in 0..LANES {
+            [u[lane], v[lane]] = series.first_2d((first + lane) as u32);
+        }
+        let directions = strata.directions(first, [&u, &v], frame);
+        let met = panorama.meet(&directions);
+        for (lane, met) in met.into_iter().enumerate().take(strata.len() - first) {
+            let direction = Vec3::from([0, 1, 2].map(|axis: usize| directions[axis][lane]));
+            let sampler = || {
+                let mut sampler = series.sampler((first + lane) as u64);
+                sampler.next_2d();
+                sampler
+            };
+            let hit = match met {
+                Some(met) => self.world.met_in_bundle(met, direction),
+                None => None,
+            };
+            let found = match hit {
+                Some(met) => {
+                    self.plain_found(&met, 0, NEAR_LEVELS, |met| self.plain_near(met, 1, NEAR_LEVELS - 1, &mut sampler(), counts))
+                }
+                None => {
+                    let ray = Ray::new(start, direction);
+                    self.plain_gathered((&ray, &self.world.outlook::<K>(start)), 0, NEAR_LEVELS, &mut sampler(), counts)
+                }
+            };
+            seen.push(Seen::of(&found, Rgb::WHITE));
+        }
     }
 
     fn record_of<const N: usize>(

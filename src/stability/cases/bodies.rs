@@ -210,7 +210,7 @@ pub fn light_trap(rows: &mut Rows<'_>) -> Result<(), Trouble> {
     let glass = room.glass(1.5);
     add_block(&mut room, DVec3::ZERO, 1.0, glass);
     room.surround(1.0);
-    let rendered = render(&room, 64)?;
+    let rendered = render(&room, 256)?;
     let image = rendered.film.image();
     // cos² of the critical angle is 1 - 1/n²; a direction (u, v, 1) has at most 1/(1 + u² + v²).
     let limit = 1.0 / (1.0 - 1.0 / 2.25) - 1.0;
