@@ -6,6 +6,7 @@ pub mod analytic;
 pub mod blockers;
 pub mod hemicube;
 pub mod hierarchy;
+pub mod known_rooms;
 pub mod matrix;
 pub mod memory;
 pub mod method;
@@ -19,6 +20,7 @@ pub mod virtual_rooms;
 pub mod visibility;
 
 pub use hierarchy::Hierarchy;
+pub use known_rooms::KnownRooms;
 pub use matrix::FormFactorMatrix;
 pub use method::{FormFactorMethod, FormFactorSettings};
 pub use one_channel::OneChannel;
@@ -62,6 +64,18 @@ pub trait FormFactors: Sync {
     /// Shows the entries (j, F_ij) of row `i` that are not zero, several for the same j where light takes several ways. Grouped form
     /// factors are spread over their patches, so that a row may cost as much as there are patches.
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb));
+
+    /// Shows the rows of several patches, averaged over channels, in parts: of the row of `patches[k]` the entries (j, weight), each of which
+    /// is to be multiplied by a factor: `visit(k, factor, entries)`. Where form factors are grouped it is cheaper to go through all groups once than
+    /// to look for each row.
+    fn some_rows(&self, patches: &[usize], visit: &mut dyn FnMut(usize, f64, &[(u32, f64)])) {
+        patches.iter().enumerate().for_each(|(k, &i)| self.row(i, &mut |j, f| visit(k, 1.0, &[(j as u32, f.mean())])));
+    }
+
+    /// Where rooms that were found in these form factors are kept, if they are.
+    fn known_rooms(&self) -> Option<&KnownRooms> {
+        None
+    }
 
     /// out[g]_i = sum over the patches j of group g of F_ij x_j. Patches of groups that `out` does not have are left out. Returns how many
     /// times the form factors were gone through: once for each group, unless there is a better way.
