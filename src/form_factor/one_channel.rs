@@ -1,6 +1,6 @@
 //! Form factors in a scene that is known to be grey: products in one channel, which stands for three.
 
-use super::{FormFactors, KnownRooms, Stored};
+use super::{FormFactors, KnownRooms, RowPart, Stored};
 use crate::math::Rgb;
 
 /// Form factors that are only ever multiplied with what is equal in all channels. Those that are grouped do not make use of it.
@@ -40,7 +40,7 @@ impl FormFactors for OneChannel<'_> {
         self.0.row(i, visit);
     }
 
-    fn some_rows(&self, patches: &[usize], visit: &mut dyn FnMut(usize, f64, &[(u32, f64)])) {
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
         self.0.some_rows(patches, visit);
     }
 

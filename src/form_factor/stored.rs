@@ -1,6 +1,6 @@
 //! Form factors in the form in which a run keeps them.
 
-use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy, KnownRooms};
+use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy, KnownRooms, RowPart};
 use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
@@ -82,7 +82,7 @@ impl FormFactors for Stored {
         self.operator().row(i, visit);
     }
 
-    fn some_rows(&self, patches: &[usize], visit: &mut dyn FnMut(usize, f64, &[(u32, f64)])) {
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
         self.operator().some_rows(patches, visit);
     }
 

@@ -13,7 +13,7 @@ mod tests;
 mod tree;
 mod walls;
 
-use super::{Closure, FormFactors, KnownRooms, Outside};
+use super::{Closure, FormFactors, KnownRooms, Outside, RowPart};
 use crate::math::Rgb;
 use crate::patch::PatchMesh;
 use crate::progress::Observer;
@@ -298,7 +298,7 @@ impl FormFactors for Hierarchy {
         }
     }
 
-    fn some_rows(&self, patches: &[usize], visit: &mut dyn FnMut(usize, f64, &[(u32, f64)])) {
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
         // Which of them lie in each node: few nodes hold any.
         let mut held: Vec<(usize, usize)> = Vec::new();
         for (k, &i) in patches.iter().enumerate() {
