@@ -45,8 +45,8 @@ pub struct Closure {
     pub corrected_defect: f64,
 }
 
-/// Looks at a part of the row of the k-th patch asked for: `(k, factor, entries)`; each entry is a patch and a weight, which the factor is to be
-/// multiplied with.
+/// Looks at a part of the row of the k-th patch asked for: `(k, factor, entries)`; each entry is a patch and a
+/// weight, which the factor is to be multiplied with.
 pub type RowPart<'a> = dyn FnMut(usize, f64, &[(u32, f64)]) + 'a;
 
 /// The operator F of pass one as solvers see it: numbers, however they are kept (rows, links between groups of patches).
@@ -69,8 +69,8 @@ pub trait FormFactors: Sync {
     /// factors are spread over their patches, so that a row may cost as much as there are patches.
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb));
 
-    /// Shows the rows of several patches, averaged over channels, in parts. Where form factors are grouped it is cheaper to go through all groups once than
-    /// to look for each row.
+    /// Shows the rows of several patches, averaged over channels, in parts. Where form factors are grouped it is cheaper to go through
+    /// all groups once than to look for each row.
     fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
         patches.iter().enumerate().for_each(|(k, &i)| self.row(i, &mut |j, f| visit(k, 1.0, &[(j as u32, f.mean())])));
     }
