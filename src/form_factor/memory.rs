@@ -7,7 +7,7 @@ const PER_PATCH: f64 = 900.0;
 /// Bytes of an entry of a row while it is made symmetric, the most that it takes: as measured and transposed in f32, averaged in f64, and
 /// the result.
 const PER_ENTRY: f64 = 40.0;
-/// Bytes of a link: as found, and in the order of both of its nodes.
+/// Bytes of a link: as found, and in the order of its first node; single rows, which only some solvers ask for, need those of its second as well.
 const PER_LINK: f64 = 28.0;
 /// Bytes of a patch in the tree of groups.
 const PER_LEAF: f64 = 700.0;

@@ -6,6 +6,7 @@ pub mod analytic;
 pub mod blockers;
 pub mod hemicube;
 pub mod hierarchy;
+pub mod known_rooms;
 pub mod matrix;
 pub mod memory;
 pub mod method;
@@ -19,6 +20,7 @@ pub mod virtual_rooms;
 pub mod visibility;
 
 pub use hierarchy::Hierarchy;
+pub use known_rooms::KnownRooms;
 pub use matrix::FormFactorMatrix;
 pub use method::{FormFactorMethod, FormFactorSettings};
 pub use one_channel::OneChannel;
@@ -43,6 +45,10 @@ pub struct Closure {
     pub corrected_defect: f64,
 }
 
+/// Looks at a part of the row of the k-th patch asked for: `(k, factor, entries)`; each entry is a patch and a
+/// weight, which the factor is to be multiplied with.
+pub type RowPart<'a> = dyn FnMut(usize, f64, &[(u32, f64)]) + 'a;
+
 /// The operator F of pass one as solvers see it: numbers, however they are kept (rows, links between groups of patches).
 ///
 /// Row i is the receiver: F_ij is the share of what leaves patch i that arrives at patch j, and, by reciprocity, the weight with which
@@ -62,6 +68,17 @@ pub trait FormFactors: Sync {
     /// Shows the entries (j, F_ij) of row `i` that are not zero, several for the same j where light takes several ways. Grouped form
     /// factors are spread over their patches, so that a row may cost as much as there are patches.
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb));
+
+    /// Shows the rows of several patches, averaged over channels, in parts. Where form factors are grouped it is cheaper to go through
+    /// all groups once than to look for each row.
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
+        patches.iter().enumerate().for_each(|(k, &i)| self.row(i, &mut |j, f| visit(k, 1.0, &[(j as u32, f.mean())])));
+    }
+
+    /// Where rooms that were found in these form factors are kept, if they are.
+    fn known_rooms(&self) -> Option<&KnownRooms> {
+        None
+    }
 
     /// out[g]_i = sum over the patches j of group g of F_ij x_j. Patches of groups that `out` does not have are left out. Returns how many
     /// times the form factors were gone through: once for each group, unless there is a better way.

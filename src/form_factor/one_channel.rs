@@ -1,6 +1,6 @@
 //! Form factors in a scene that is known to be grey: products in one channel, which stands for three.
 
-use super::{FormFactors, Stored};
+use super::{FormFactors, KnownRooms, RowPart, Stored};
 use crate::math::Rgb;
 
 /// Form factors that are only ever multiplied with what is equal in all channels. Those that are grouped do not make use of it.
@@ -38,6 +38,14 @@ impl FormFactors for OneChannel<'_> {
 
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
         self.0.row(i, visit);
+    }
+
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
+        self.0.some_rows(patches, visit);
+    }
+
+    fn known_rooms(&self) -> Option<&KnownRooms> {
+        self.0.known_rooms()
     }
 
     fn is_reciprocal(&self) -> bool {

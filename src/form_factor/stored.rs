@@ -1,6 +1,6 @@
 //! Form factors in the form in which a run keeps them.
 
-use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy};
+use super::{Closure, FormFactorMatrix, FormFactors, Hierarchy, KnownRooms, RowPart};
 use crate::math::Rgb;
 
 /// One variant for each way of keeping them.
@@ -80,6 +80,14 @@ impl FormFactors for Stored {
 
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
         self.operator().row(i, visit);
+    }
+
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
+        self.operator().some_rows(patches, visit);
+    }
+
+    fn known_rooms(&self) -> Option<&KnownRooms> {
+        self.operator().known_rooms()
     }
 
     fn is_reciprocal(&self) -> bool {

@@ -1,6 +1,6 @@
 //! Pass one in a file: patches, form factors, direct light and solution, each with the key of what it depends on.
 //!
-//! The format, version 4. Numbers are little-endian.
+//! The format, version 5. Numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -18,7 +18,7 @@
 //! | 32 | BLAKE3 of tag, key, length and contents |
 //!
 //! Links between groups of patches are kept as two runs of bytes: for each link the other group in 2 bytes, 3 from 65,537 groups on, 4 from
-//! 16,777,217 on; and f32 transfers.
+//! 16,777,217 on; and f32 transfers. Rooms that a solver has found in them are kept with them.
 //!
 //! `META`: [`Meta`]. `PTCH`: [`PatchMesh`]. `FORM`: ([`Stored`], [`Outside`]). `LAMP`: [`LampLight`], one for each lamp.
 //! `SOLN`: ([`SolutionSummary`], [`LightGroup`], one for each group).
@@ -35,7 +35,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"TWOPASS\x1a";
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const TAGS: [&[u8; 4]; 5] = [b"META", b"PTCH", b"FORM", b"LAMP", b"SOLN"];
 
 /// With what settings the file was made.

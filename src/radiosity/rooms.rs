@@ -25,30 +25,40 @@ const SQUARINGS: u32 = 2;
 /// Place of what is not in a set.
 const NOWHERE: u32 = u32::MAX;
 
-/// The room of each patch of `set`, from 0 without gaps, and the number of rooms.
+/// The room of each patch of `set`, from 0 without gaps, and the number of rooms. They are kept with form factors that can do so.
 pub(super) fn find(system: &RadiositySystem<'_>, set: &[usize]) -> (Vec<u8>, usize) {
+    let known = system.form_factors.known_rooms().filter(|_| set.len() >= FEWEST_PATCHES);
+    if let Some(rooms) = known.and_then(|known| known.get(set, MOST_ROOMS)) {
+        return rooms;
+    }
+    let (room_of, count) = find_anew(system, set);
+    if let Some(known) = known {
+        known.keep(set, (&room_of, count));
+    }
+    (room_of, count)
+}
+
+fn find_anew(system: &RadiositySystem<'_>, set: &[usize]) -> (Vec<u8>, usize) {
     let mut room_of = vec![0; set.len()];
     if set.len() < FEWEST_PATCHES {
         return (room_of, 1);
     }
-    let mut place = vec![NOWHERE; system.len()];
-    set.iter().enumerate().for_each(|(at, &i)| place[i] = at as u32);
-    let landmarks = Landmarks::choose(system, set, &place);
+    let landmarks = Landmarks::choose(system, set);
     let (room_of_landmark, rooms) = landmarks.group();
     if rooms == 1 {
         return (room_of, 1);
     }
+    let mut place = vec![NOWHERE; system.len()];
+    set.iter().enumerate().for_each(|(at, &i)| place[i] = at as u32);
     // What landmark a sends to patch i, as a share of all it sends, is to what i would see of it as the area of i is to that of a; landmarks
     // stand for equal areas, so that shares may be compared as they are.
     let mut seen = vec![[0.0_f32; MOST_ROOMS]; set.len()];
-    for (&landmark, &room) in landmarks.patch.iter().zip(&room_of_landmark) {
-        let area = system.area[set[landmark]];
-        system.form_factors.row(set[landmark], &mut |j, f| {
-            if place[j] != NOWHERE {
-                seen[place[j] as usize][room] += (area * f.mean()) as f32;
-            }
-        });
-    }
+    system.form_factors.some_rows(&landmarks.patches(set), &mut |k, factor, entries| {
+        let (factor, room) = (factor * system.area[set[landmarks.patch[k]]], room_of_landmark[k]);
+        for (j, weight) in entries.iter().filter(|(j, _)| place[*j as usize] != NOWHERE) {
+            seen[place[*j as usize] as usize][room] += (factor * weight) as f32;
+        }
+    });
     let mut used = [0_usize; MOST_ROOMS];
     for (room, seen) in room_of.iter_mut().zip(&seen) {
         *room = (0..rooms).fold(0, |best, r| if seen[r] > seen[best] { r } else { best }) as u8;
@@ -73,32 +83,26 @@ struct Landmarks {
 }
 
 impl Landmarks {
-    /// `place`: of each patch in the set.
-    fn choose(system: &RadiositySystem<'_>, set: &[usize], place: &[u32]) -> Self {
+    fn choose(system: &RadiositySystem<'_>, set: &[usize]) -> Self {
         let total: f64 = set.iter().map(|&i| system.area[i]).sum();
-        let (mut patch, mut bin_of, mut bin_area) =
-            (Vec::with_capacity(LANDMARKS), Vec::with_capacity(set.len()), vec![0.0; BINS]);
+        let (mut patch, mut bin_of, mut bin_area) = (Vec::with_capacity(LANDMARKS), vec![BINS; system.len()], vec![0.0; BINS]);
         let mut before = 0.0;
         for (at, &i) in set.iter().enumerate() {
             let middle = (before + 0.5 * system.area[i]) / total;
             before += system.area[i];
             let bin = ((middle * BINS as f64) as usize).min(BINS - 1);
-            bin_of.push(bin);
+            bin_of[i] = bin;
             bin_area[bin] += system.area[i];
             if middle * LANDMARKS as f64 >= patch.len() as f64 + 0.5 {
                 patch.push(at);
             }
         }
-        let light = |&at: &usize| {
-            let mut sent = vec![0.0; BINS];
-            system.form_factors.row(set[at], &mut |j, f| {
-                if place[j] != NOWHERE {
-                    sent[bin_of[place[j] as usize]] += f.mean();
-                }
-            });
-            sent
-        };
-        let light: Vec<Vec<f64>> = patch.iter().map(light).collect();
+        let mut landmarks = Self { patch, spread: Vec::new() };
+        // The last one is for what is not in the set.
+        let mut light = vec![vec![0.0; BINS + 1]; landmarks.patch.len()];
+        system.form_factors.some_rows(&landmarks.patches(set), &mut |k, factor, entries| {
+            entries.iter().for_each(|(j, weight)| light[k][bin_of[*j as usize]] += factor * weight);
+        });
         // Two bounces: from one landmark to a bin and on to the other, by reciprocity.
         let meet = |a: &[f64], b: &[f64]| -> f64 {
             a.iter().zip(b).zip(&bin_area).map(|((a, b), area)| if *area > 0.0 { a * b / area } else { 0.0 }).sum()
@@ -108,7 +112,13 @@ impl Landmarks {
         for _ in 0..SQUARINGS {
             spread = squared(&spread);
         }
-        Self { patch, spread }
+        landmarks.spread = spread;
+        landmarks
+    }
+
+    /// As patches.
+    fn patches(&self, set: &[usize]) -> Vec<usize> {
+        self.patch.iter().map(|&at| set[at]).collect()
     }
 
     /// Room of each landmark and the number of rooms.

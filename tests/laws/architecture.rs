@@ -18,7 +18,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("load", &["scene", "geometry", "material", "light", "film"]),
     ("world", &["scene", "accel", "geometry", "material", "light", "film"]),
     ("patch", &["world", "scene", "geometry", "material"]),
-    ("form_factor", &["world", "patch", "geometry"]),
+    ("form_factor", &["world", "patch", "geometry", "accel"]),
     ("radiosity", &["world", "form_factor", "patch", "geometry"]),
     ("plan", &["scene", "patch", "world"]),
     ("integrator", &["world", "radiosity", "film", "scene", "accel", "geometry", "material", "light"]),

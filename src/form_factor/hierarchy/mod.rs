@@ -11,19 +11,19 @@ mod refine;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod walls;
 
-use super::{Closure, FormFactors, Outside};
+use super::{Closure, FormFactors, KnownRooms, Outside, RowPart};
 use crate::math::Rgb;
 use crate::patch::PatchMesh;
 use crate::progress::Observer;
 use crate::world::World;
 use crate::world::walk::RayCounts;
 use beside::Beside;
-use links::Links;
-use rayon::prelude::*;
+use links::{Links, Spare};
 use refine::{Link, Refinement};
-use std::ops::{Add, Mul};
 use tree::Tree;
+use walls::Walls;
 
 /// Sweeps of the scaling that closes rows.
 const CLOSING_SWEEPS: usize = 100;
@@ -80,6 +80,11 @@ pub struct Hierarchy {
     /// Light by way of mirrors, glass and gloss.
     beside: Beside,
     links: usize,
+    /// Rooms that a solver has found.
+    rooms: KnownRooms,
+    /// Memory of products, in one channel and in three.
+    #[serde(skip)]
+    spare: (Spare<1>, Spare<3>),
     /// Quality before correction.
     pub closure: Closure,
 }
@@ -93,11 +98,6 @@ struct Span {
     second: u32,
 }
 
-/// What can be carried along links.
-trait Carried: Copy + Default + Add<Output = Self> + Mul<f64, Output = Self> + Send + Sync {}
-impl Carried for f64 {}
-impl Carried for Rgb {}
-
 /// Links all patches; `None` if the observer stopped it.
 pub fn link(
     world: &World,
@@ -108,7 +108,9 @@ pub fn link(
 ) -> Option<(Hierarchy, Outside)> {
     let tree = Tree::new(world, patches);
     let beside = Beside::cast(world, patches, &tree, settings, counts);
-    let refinement = Refinement { world, patches, tree: &tree, tolerance: settings.tolerance, seed: settings.seed };
+    let walls = Walls::new(world, &tree);
+    let refinement =
+        Refinement { world, patches, tree: &tree, walls: &walls, tolerance: settings.tolerance, seed: settings.seed };
     let (links, rays) = refinement.links(observer)?;
     counts.form_factor += rays;
     let mut hierarchy = Hierarchy::new(tree, links, beside);
@@ -130,7 +132,20 @@ impl Hierarchy {
         let by_node = Links::new(nodes.len(), links);
         let (scale, kept) = (vec![1.0; place.len()], vec![0.0; place.len()]);
         let closure = Closure::default();
-        Self { nodes, patch, place, by_node, area, scale, kept, beside, links: n_links, closure }
+        Self {
+            nodes,
+            patch,
+            place,
+            by_node,
+            area,
+            scale,
+            kept,
+            beside,
+            links: n_links,
+            rooms: KnownRooms::default(),
+            spare: Default::default(),
+            closure,
+        }
     }
 
     /// Number of links, each for both directions, and of entries through specular surfaces.
@@ -145,54 +160,75 @@ impl Hierarchy {
 
     /// out_i = sum_j F_ij x_j over what is seen directly, in parallel: the same bits on any number of threads.
     pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
-        let found = self.transport(|place| x[self.patch[place] as usize]);
-        found.into_iter().zip(&self.patch).for_each(|(v, &patch)| out[patch as usize] = v);
+        let of = |place: usize| x[self.patch[place] as usize].to_array();
+        self.transport(&self.spare.1, of, |place, v| out[self.patch[place] as usize] = v.into());
+    }
+
+    /// Sums of rows by place: D F D 1 + K 1.
+    fn row_sums(&self) -> Vec<f64> {
+        let mut sums = vec![0.0; self.place.len()];
+        self.transport(&self.spare.0, |_| [1.0], |place, [sum]| sums[place] = sum);
+        sums
     }
 
     /// D F D x + K x by place: means are drawn up the tree, carried along links, and handed down.
-    fn transport<T: Carried>(&self, x: impl Fn(usize) -> T + Sync) -> Vec<T> {
-        let mut mean = vec![T::default(); self.nodes.len()];
+    fn transport<const N: usize>(&self, spare: &Spare<N>, x: impl Fn(usize) -> [f64; N], mut put: impl FnMut(usize, [f64; N])) {
+        let each = |of: &dyn Fn(usize) -> f64| std::array::from_fn::<f64, N, _>(of);
+        let mut mean = spare.take(self.nodes.len());
         for at in (0..self.nodes.len()).rev() {
             let node = self.nodes[at];
             mean[at] = if node.second == 0 {
                 let place = node.first as usize;
-                x(place) * self.scale[place]
+                x(place).map(|v| v * self.scale[place])
             } else {
                 let (a, b) = (at + 1, node.second as usize);
-                (mean[a] * self.nodes[a].area + mean[b] * self.nodes[b].area) * (1.0 / node.area)
+                each(&|k| (mean[a][k] * self.nodes[a].area + mean[b][k] * self.nodes[b].area) * (1.0 / node.area))
             };
         }
-        let arriving = |at: usize| {
-            let (others, transfers) = self.by_node.of(at);
-            let (fours, rest) = others.as_chunks::<4>();
-            let (four_transfers, rest_transfers) = transfers.as_chunks::<4>();
-            // Four sums side by side: each addition would wait for the one before.
-            let mut sums = [T::default(); 4];
-            for (others, transfers) in fours.iter().zip(four_transfers) {
-                for k in 0..4 {
-                    sums[k] = sums[k] + mean[others[k] as usize] * f64::from(transfers[k]);
-                }
-            }
-            for (k, (&other, &s)) in rest.iter().zip(rest_transfers).enumerate() {
-                sums[k] = sums[k] + mean[other as usize] * f64::from(s);
-            }
-            ((sums[0] + sums[1]) + (sums[2] + sums[3])) * (1.0 / self.nodes[at].area)
-        };
-        let mut arrived: Vec<T> = (0..self.nodes.len()).into_par_iter().with_min_len(256).map(arriving).collect();
-        let mut out = vec![T::default(); self.place.len()];
+        let mut arrived = self.by_node.carry(&mean, spare);
         for at in 0..self.nodes.len() {
             let node = self.nodes[at];
+            // What arrives at the nodes above is in it already.
+            let here = arrived[at].map(|v| v * (1.0 / node.area));
             if node.second == 0 {
-                let place = node.first as usize;
-                out[place] = arrived[at] * self.scale[place] + x(place) * self.kept[place];
+                let (place, v) = (node.first as usize, x(node.first as usize));
+                put(place, each(&|k| here[k] * self.scale[place] + v[k] * self.kept[place]));
             } else {
-                let from_above = arrived[at];
                 for child in [at + 1, node.second as usize] {
-                    arrived[child] = arrived[child] + from_above;
+                    let area = self.nodes[child].area;
+                    (0..N).for_each(|k| arrived[child][k] += here[k] * area);
                 }
             }
         }
-        out
+        spare.give(mean);
+        spare.give(arrived);
+    }
+
+    /// The nodes that hold `place`, from the root to its patch.
+    fn above(&self, place: u32) -> impl Iterator<Item = usize> + '_ {
+        std::iter::successors((!self.nodes.is_empty()).then_some(0), move |&at| {
+            let second = self.nodes[at].second as usize;
+            (second != 0).then(|| if place < self.nodes[second].first { at + 1 } else { second })
+        })
+    }
+
+    /// Shows what a link from node `at`, which holds `place`, to another one is in the row of `place`.
+    fn spread(&self, place: u32, (at, other): (usize, usize), transfer: f32, visit: &mut dyn FnMut(usize, Rgb)) {
+        let (node, other) = (self.nodes[at], self.nodes[other]);
+        let factor = f64::from(transfer) / node.area * self.scale[place as usize];
+        for seen in other.first..other.first + other.count {
+            let j = self.patch[seen as usize] as usize;
+            visit(j, Rgb::grey(factor * self.scale[seen as usize] * self.area[seen as usize] / other.area));
+        }
+    }
+
+    /// Shows what a row holds besides its links.
+    fn row_beside_links(&self, place: u32, visit: &mut dyn FnMut(usize, Rgb)) {
+        let kept = self.kept[place as usize];
+        if kept > 0.0 {
+            visit(self.patch[place as usize] as usize, Rgb::grey(kept));
+        }
+        self.beside.row(place as usize, visit);
     }
 
     /// Closes the rows and says what goes elsewhere.
@@ -201,10 +237,10 @@ impl Hierarchy {
     /// rest. The scaling is a symmetric Sinkhorn iteration [Sinkhorn64]; rows that it leaves too large are scaled down, which makes no
     /// other one larger, and what is then missing, up to a half, stays with the patch itself: transport remains symmetric.
     fn close(&mut self) -> Outside {
-        let raw = self.transport(|_| 1.0);
+        let raw = self.row_sums();
         let target: Vec<f64> = raw.iter().enumerate().map(|(at, sum)| self.beside.target(at, *sum)).collect();
         for _ in 0..CLOSING_SWEEPS {
-            let sums = self.transport(|_| 1.0);
+            let sums = self.row_sums();
             let mut worst: f64 = 0.0;
             for ((scale, sum), target) in self.scale.iter_mut().zip(&sums).zip(&target) {
                 if *sum > 0.0 && *target > 0.0 {
@@ -220,11 +256,11 @@ impl Hierarchy {
                 break;
             }
         }
-        let sums = self.transport(|_| 1.0);
+        let sums = self.row_sums();
         for ((scale, sum), target) in self.scale.iter_mut().zip(&sums).zip(&target) {
             *scale *= if sum > target { target / sum } else { 1.0 };
         }
-        let sums = self.transport(|_| 1.0);
+        let sums = self.row_sums();
         for ((kept, sum), target) in self.kept.iter_mut().zip(&sums).zip(&target) {
             *kept = (target - sum).clamp(0.0, MOST_KEPT);
         }
@@ -232,7 +268,7 @@ impl Hierarchy {
         let rows = raw.iter().enumerate().map(|(at, sum)| sum + elsewhere(at));
         let (low, high) = rows.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(s), h.max(s)));
         let outside = self.beside.complete(&target, &self.place);
-        let closed = self.transport(|_| 1.0);
+        let closed = self.row_sums();
         self.closure = Closure {
             row_sum_min: if low.is_finite() { low } else { 0.0 },
             row_sum_max: if high.is_finite() { high } else { 0.0 },
@@ -256,38 +292,62 @@ impl FormFactors for Hierarchy {
 
     fn row(&self, i: usize, visit: &mut dyn FnMut(usize, Rgb)) {
         let place = self.place[i];
-        if self.kept[place as usize] > 0.0 {
-            visit(i, Rgb::grey(self.kept[place as usize]));
+        self.row_beside_links(place, visit);
+        for at in self.above(place) {
+            self.by_node.of(at).for_each(|(other, transfer)| self.spread(place, (at, other as usize), transfer, visit));
         }
-        let mut at = 0;
-        loop {
-            let node = self.nodes[at];
-            let (others, transfers) = self.by_node.of(at);
+    }
+
+    fn some_rows(&self, patches: &[usize], visit: &mut RowPart<'_>) {
+        // Which of them lie in each node: few nodes hold any.
+        let mut held: Vec<(usize, usize)> = Vec::new();
+        for (k, &i) in patches.iter().enumerate() {
+            self.row_beside_links(self.place[i], &mut |j, f| visit(k, 1.0, &[(j as u32, f.mean())]));
+            held.extend(self.above(self.place[i]).map(|at| (at, k)));
+        }
+        held.sort_unstable();
+        let mut start = vec![0_u32; self.nodes.len() + 1];
+        held.iter().for_each(|(at, _)| start[at + 1] += 1);
+        (0..self.nodes.len()).for_each(|at| start[at + 1] += start[at]);
+        let entry = |(at, &patch): (usize, &u32)| (patch, self.scale[at] * self.area[at]);
+        let entries: Vec<(u32, f64)> = self.patch.iter().enumerate().map(entry).collect();
+        let mut show = |at: usize, other: usize, transfer: f32| {
+            for &(_, k) in &held[start[at] as usize..start[at + 1] as usize] {
+                let other = self.nodes[other];
+                let scale = self.scale[self.place[patches[k]] as usize];
+                let factor = f64::from(transfer) * scale / (self.nodes[at].area * other.area);
+                visit(k, factor, &entries[other.first as usize..(other.first + other.count) as usize]);
+            }
+        };
+        for at in 0..self.nodes.len() {
+            let (others, transfers) = self.by_node.upper(at);
             for (&other, &transfer) in others.iter().zip(transfers) {
-                let other = self.nodes[other as usize];
-                let factor = f64::from(transfer) / node.area * self.scale[place as usize];
-                for seen in other.first..other.first + other.count {
-                    let j = self.patch[seen as usize] as usize;
-                    visit(j, Rgb::grey(factor * self.scale[seen as usize] * self.area[seen as usize] / other.area));
+                show(at, other as usize, transfer);
+                if other as usize != at {
+                    show(other as usize, at, transfer);
                 }
             }
-            if node.second == 0 {
-                break;
-            }
-            let second = node.second as usize;
-            at = if place < self.nodes[second].first { at + 1 } else { second };
         }
-        self.beside.row(place as usize, visit);
+    }
+
+    fn known_rooms(&self) -> Option<&KnownRooms> {
+        Some(&self.rooms)
     }
 
     fn join(&self, pair: &mut dyn FnMut(usize, usize)) {
         let patch = |place: u32| self.patch[place as usize] as usize;
         // All patches of a linked node are joined by what it is linked to; in preorder the largest such node comes first. `block`: its number,
         // of each node.
+        let mut is_linked = vec![false; self.nodes.len()];
+        for at in 0..self.nodes.len() {
+            let others = self.by_node.upper(at).0;
+            is_linked[at] |= !others.is_empty();
+            others.iter().for_each(|&other| is_linked[other as usize] = true);
+        }
         let (mut joined, mut blocks) = (0, 0_u32);
         let mut block = vec![u32::MAX; self.nodes.len()];
         for (at, node) in self.nodes.iter().enumerate() {
-            if node.first >= joined && !self.by_node.of(at).0.is_empty() {
+            if node.first >= joined && is_linked[at] {
                 joined = node.first + node.count;
                 blocks += 1;
                 (node.first..joined - 1).for_each(|place| pair(patch(place), patch(place + 1)));
@@ -297,7 +357,8 @@ impl FormFactors for Hierarchy {
         // Each link is one of both its nodes. Most lead to where another has led.
         let mut last = vec![u32::MAX; blocks as usize + 1];
         for (at, node) in self.nodes.iter().enumerate() {
-            for &other in self.by_node.of(at).0 {
+            for &other in self.by_node.upper(at).0 {
+                // Blocks are in the order of nodes.
                 let (here, there) = (block[at], block[other as usize]);
                 if here < there && last[there as usize] != here {
                     last[there as usize] = here;

@@ -2,6 +2,7 @@
 
 use super::kernel::{self, Variation};
 use super::tree::{SPOTS, Spot, Tree};
+use super::walls::Walls;
 use crate::geometry::{Ray, offset_origin};
 use crate::math::{Vec3, sampler::mix};
 use crate::patch::PatchMesh;
@@ -22,6 +23,12 @@ const FEWEST_BETWEEN_PATCHES: u32 = 4;
 const MOST_RAYS: u32 = 16;
 /// The error that visibility leaves to a form factor may be this many times that of its kernel: it is random, and averages out.
 const VISIBILITY_SHARE: f64 = 4.0;
+
+/// Walls are asked about nodes of so many patches or more.
+const FEWEST_BEHIND_WALLS: u32 = 4;
+
+/// Nodes that are near each other may exchange this many times what their middles say.
+const SURELY: f64 = 2.0;
 
 /// What a wall parts is linked as one only if what passes is below this share of the tolerance: all such links err alike.
 const TORN_SHARE: f64 = 1.0 / 16.0;
@@ -45,6 +52,8 @@ pub struct Refinement<'a> {
     pub patches: &'a PatchMesh,
     /// The tree over them.
     pub tree: &'a Tree,
+    /// The largest surfaces.
+    pub walls: &'a Walls,
     /// Bound on the error of F_pq and of F_qp that a link may leave.
     pub tolerance: f64,
     /// Seed of the rays.
@@ -59,8 +68,8 @@ enum Verdict {
     Divided([(u32, u32); 2]),
     /// Pairs of a node with itself make three.
     Within([(u32, u32); 3]),
-    /// It is a link.
-    Linked,
+    /// It is a link, whose form factor in either direction is about this at most.
+    Linked(f64),
 }
 
 impl Refinement<'_> {
@@ -96,7 +105,7 @@ impl Refinement<'_> {
                     Verdict::Apart => {}
                     Verdict::Divided(pairs) => next.extend(pairs),
                     Verdict::Within(pairs) => next.extend(pairs),
-                    Verdict::Linked => next.push(pair),
+                    Verdict::Linked(_) => next.push(pair),
                 }
             }
             if next.len() == tasks.len() {
@@ -114,8 +123,8 @@ impl Refinement<'_> {
                 Verdict::Apart => {}
                 Verdict::Divided(pairs) => stack.extend(pairs),
                 Verdict::Within(pairs) => stack.extend(pairs),
-                Verdict::Linked => {
-                    let transfer = self.transfer(pair, &mut rays);
+                Verdict::Linked(most) => {
+                    let transfer = self.transfer(pair, most, &mut rays);
                     if transfer > 0.0 {
                         links.push(Link { first: pair.0, second: pair.1, transfer: transfer as f32 });
                     }
@@ -131,21 +140,25 @@ impl Refinement<'_> {
             return match (a.is_leaf(), a.spread) {
                 // A flat patch does not see itself.
                 (true, 0.0) => Verdict::Apart,
-                (true, _) => Verdict::Linked,
+                (true, _) => Verdict::Linked(1.0),
                 _ => Verdict::Within([(p + 1, p + 1), (a.second, a.second), (p + 1, a.second)]),
             };
         }
         let Some(Variation { kernel, most, mut first_weighs_more }) = kernel::variation(a, b, self.tree.flat) else {
             return Verdict::Apart;
         };
-        if a.is_leaf() && b.is_leaf() {
-            return Verdict::Linked;
-        }
         let larger = a.area.max(b.area);
+        if a.is_leaf() && b.is_leaf() {
+            return Verdict::Linked(most * larger);
+        }
+        // Of few patches it is as cheap to cast rays.
+        if a.count.min(b.count) >= FEWEST_BEHIND_WALLS && self.walls.part(self.tree, p as usize, q as usize) {
+            return Verdict::Apart;
+        }
         if kernel * larger <= self.tolerance {
             let torn = [p, q].map(|at| self.tree.torn[at as usize]);
             if most * larger * f64::from(torn[0].max(torn[1])) <= self.tolerance * TORN_SHARE {
-                return Verdict::Linked;
+                return Verdict::Linked(most * larger);
             }
             first_weighs_more = torn[0] * a.radius >= torn[1] * b.radius;
         }
@@ -158,23 +171,28 @@ impl Refinement<'_> {
         }
     }
 
-    /// A_p F_pq [m²]: what there would be if nothing hid them, times the share of it that is visible.
-    fn transfer(&self, (p, q): (u32, u32), rays: &mut u64) -> f64 {
+    /// A_p F_pq [m²]: what there would be if nothing hid them, times the share of it that is visible. `most`: about the most that the form
+    /// factor may be.
+    fn transfer(&self, (p, q): (u32, u32), most: f64, rays: &mut u64) -> f64 {
         let (a, b) = (&self.tree.nodes[p as usize], &self.tree.nodes[q as usize]);
-        let whole = if p == q {
-            self.with_itself(p as usize)
-        } else {
-            kernel::unobstructed(self.world, self.patches, self.tree, p as usize, q as usize)
+        let fewest = if a.is_leaf() && b.is_leaf() { FEWEST_BETWEEN_PATCHES } else { FEWEST_RAYS };
+        // Standard error of a share is at most 1/(2 sqrt n).
+        let wanted = |factor: f64| (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2).ceil() as u32;
+        let whole = || match p == q {
+            true => self.with_itself(p as usize),
+            false => kernel::unobstructed(self.world, self.patches, self.tree, p as usize, q as usize),
         };
+        // Most pairs that get few rays are hidden: what there would be is then not asked for.
+        if wanted(SURELY * most) <= fewest {
+            let share = self.visible_share(p as usize, q as usize, fewest, rays);
+            return if share > 0.0 { share * whole() } else { 0.0 };
+        }
+        let whole = whole();
         let factor = whole / a.area.min(b.area);
         if factor <= 0.0 {
             return 0.0;
         }
-        // Standard error of a share is at most 1/(2 sqrt n).
-        let wanted = (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2);
-        let fewest = if a.is_leaf() && b.is_leaf() { FEWEST_BETWEEN_PATCHES } else { FEWEST_RAYS };
-        let n = (wanted.ceil() as u32).clamp(fewest, MOST_RAYS);
-        whole * self.visible_share(p as usize, q as usize, n, rays)
+        whole * self.visible_share(p as usize, q as usize, wanted(factor).clamp(fewest, MOST_RAYS), rays)
     }
 
     /// A_p F_pp [m²] of a patch that is not flat, as if its parts hid nothing.

@@ -161,3 +161,39 @@ fn rows_close_with_a_mirror_for_a_wall() {
         assert!((sum - 1.0).abs() < 1e-6, "row {i} sums to {sum}");
     }
 }
+
+/// Walls that part groups spare rays, and take no link away that rays would have found.
+#[test]
+fn walls_leave_out_nothing_that_is_seen() {
+    let world = World::new(cube(true).scene().expect("valid"), AccelKind::default()).expect("built");
+    let settings = PatchSettings { patch_size: Some(0.05), ..PatchSettings::default() };
+    let patches = PatchMesh::build(&world, &settings).expect("not too many");
+    let tree = Tree::new(&world, &patches);
+    let all = |walls: &Walls| {
+        let refinement = Refinement { world: &world, patches: &patches, tree: &tree, walls, tolerance: 2e-3, seed: 3 };
+        let (links, rays) = refinement.links(&mut silent).expect("not stopped");
+        let mut links: Vec<(u32, u32, u32)> =
+            links.into_iter().flatten().map(|link| (link.first, link.second, link.transfer.to_bits())).collect();
+        links.sort_unstable();
+        (links, rays)
+    };
+    let ((without, all_rays), (with, rays)) = (all(&Walls::none(&world, &tree)), all(&Walls::new(&world, &tree)));
+    assert!(without == with, "{} links, with walls {}", without.len(), with.len());
+    assert!(rays < all_rays, "{rays} rays, without walls {all_rays}");
+}
+
+/// Rows of several patches in one go, as rooms are looked for.
+#[test]
+fn parts_of_rows_are_the_rows() {
+    let (_, links, _) = linked(&cube(true), 0.12, 4e-3);
+    let asked = [3, 0, links.len() - 1];
+    let mut found = vec![vec![0.0; links.len()]; asked.len()];
+    links.some_rows(&asked, &mut |k, factor, entries| {
+        entries.iter().for_each(|(j, weight)| found[k][*j as usize] += factor * weight);
+    });
+    for (k, &i) in asked.iter().enumerate() {
+        for (j, want) in row(&links, i).into_iter().enumerate() {
+            assert!((found[k][j] - want).abs() <= 1e-14, "row {i}, {j}: {}, by itself {want}", found[k][j]);
+        }
+    }
+}
