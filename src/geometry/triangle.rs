@@ -151,8 +151,7 @@ impl Edges {
 }
 
 /// A triangle as seen from a point: what [Moller97] finds for each ray, with the products turned round so that only those
-/// with the
-/// direction are left to the ray. All in f64.
+/// with the direction are left to the ray. All in f64.
 #[derive(Debug, Clone, Copy)]
 pub struct Perspective {
     /// Its product with a direction is the determinant.
@@ -178,9 +177,8 @@ impl Perspective {
 /// the ray parameter.
 ///
 /// Engines round t in their own ways; this one is the same whichever found the triangle. Weights lie inside the triangle,
-/// off its edges by
-/// as much as rays leave it (see [`leaving_error`]): beside a wall that stands on the edge, a ray that starts there starts
-/// on the inside of both.
+/// off its edges by as much as rays leave it (see [`leaving_error`]): beside a wall that stands on the edge, a ray that
+/// starts there starts on the inside of both.
 #[inline]
 pub fn locate(ray: &Ray, corners: [Vec3; 3]) -> ((f64, f64), f32) {
     let seen = Edges::new(corners).seen_from(ray.origin);
