@@ -82,7 +82,14 @@ mod tests {
         let axes = [DVec3::Y, DVec3::Z, DVec3::X, DVec3::new(1.0, 2.0, 3.0)];
         let to_scene = DAffine3::from_cols(axes[0], axes[1], axes[2], axes[3]);
         let principal_point = DVec2::new(0.25, -0.125);
-        let camera = Camera { to_scene, tan_half_fov: 0.4_f64.tan(), fov_axis: FovAxis::X, principal_point, near_clip: 0.1, far_clip: 50.0 };
+        let camera = Camera {
+            to_scene,
+            tan_half_fov: 0.4_f64.tan(),
+            fov_axis: FovAxis::X,
+            principal_point,
+            near_clip: 0.1,
+            far_clip: 50.0,
+        };
         let (to_camera, to_ndc) = camera_matrices(&camera, origin, width, height);
         for pixel in [Vec2::new(0.0, 0.0), Vec2::new(32.0, 24.0), Vec2::new(60.0, 7.0)] {
             let ray = camera.ray(pixel, width, height);
