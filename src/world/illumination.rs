@@ -189,8 +189,7 @@ impl World {
     }
 
     /// As [`Self::direct_by`] where nothing hides a light, none is infinitely far away and each is sampled: light from
-    /// all lights that are found by
-    /// shadow rays, times what `respond` makes of each direction.
+    /// all lights that are found by shadow rays, times what `respond` makes of each direction.
     #[inline(always)]
     pub fn unhidden<K: Stages>(
         &self,

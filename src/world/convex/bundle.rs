@@ -1,8 +1,7 @@
 //! Many rays from one point of a convex room, some at a time: the same, bit for bit, as one by one ([`Hull::meet`]).
 //!
 //! What a triangle and the point have in common is found once for all of its rays ([`Edges::seen_from`]); which wall comes
-//! first is found
-//! for all rays of a bundle side by side. Loops over lanes are written so that the compiler makes vectors of them.
+//! first is found for all rays of a bundle side by side. Loops over lanes are written so that the compiler makes vectors of them.
 //!
 //! [`Edges::seen_from`]: crate::geometry::triangle::Edges::seen_from
 
@@ -39,8 +38,7 @@ struct TriangleSeen {
     primitive: u32,
     is_front: bool,
     /// By axis: what a direction's component counts in the determinant and in the weights of the second and third
-    /// corner times it, with the sign that
-    /// makes the determinant positive.
+    /// corner times it, with the sign that makes the determinant positive.
     axes: [[f64; 4]; 3],
     /// Over the determinant: the ray parameter.
     height: f64,
