@@ -63,7 +63,12 @@ impl Control {
     /// What is to be added to the sum of the samples of one half.
     #[inline]
     pub fn correction(&self, film: &Film, half: usize, pixel: usize) -> Rgb {
-        self.change[half][pixel] * f64::from(self.gain(film, pixel))
+        let change = self.change[half][pixel] * f64::from(self.gain(film, pixel));
+        if film.passes.contains(&0) {
+            no_more_than_found(change, film.halves[half][pixel], self.own[half][pixel])
+        } else {
+            change
+        }
     }
 
     /// How the light of a pixel goes with what is known of it, from 0 to 1; 1 until both halves tell.
@@ -98,6 +103,14 @@ impl Control {
         };
         both.iter().zip(&alone).map(gain).collect()
     }
+}
+
+/// While one half is empty nobody knows how light goes with what is stored. Where a sample found less than that, a change that takes away is taken to
+/// be of what it found: what is stored for the edge of a thing may be far brighter than the edge, and the pixel would be black.
+fn no_more_than_found(change: Rgb, found: Rgb, own: Rgb) -> Rgb {
+    let of =
+        |change: f64, found: f64, own: f64| if change < 0.0 && found < own { change * (found / own).max(0.0) } else { change };
+    Rgb::new(of(change.r, found.r, own.r), of(change.g, found.g, own.g), of(change.b, found.b, own.b))
 }
 
 /// The difference of two values that add up to `sum`, or nothing where they are the same but for rounding: in a furnace all pixels are, and how one rounding
@@ -180,6 +193,25 @@ mod tests {
         let mean = (0..SIDE * SIDE).map(|i| f64::from(film.gain(i))).sum::<f64>() / (SIDE * SIDE) as f64;
         let expected = (0.5 + f64::from(PRIOR)) / (1.0 + f64::from(PRIOR));
         assert!((mean - expected).abs() < 0.02, "{mean}, expected {expected}");
+    }
+
+    /// A first pass alone: a pixel is darker by the share by which what is stored is less along all rays, unless its sample found more than is stored.
+    #[test]
+    fn a_change_takes_no_more_than_the_first_pass_has_found() {
+        let first_pass = |own: f64, change: f64, found: f64| {
+            let mut sample = PixelSample::default();
+            *sample.layer(Quantity::Indirect) = Rgb::grey(found);
+            sample.known = Beforehand { own: Rgb::grey(own), change: Rgb::grey(change) };
+            let mut film = Film::new(2, 2).controlled(true);
+            film.add_pass(0, &[sample; 4]);
+            film.half_mean(0, 0).g
+        };
+        for (own, change, found, expected) in
+            [(3.0, -1.0, 0.15, 0.1), (1.0, -0.5, 2.0, 1.5), (3.0, 1.0, 0.15, 1.15), (3.0, -1.0, 0.0, 0.0)]
+        {
+            let got = first_pass(own, change, found);
+            assert!((got - expected).abs() < 1e-6, "{own} {change} {found}: {got}, expected {expected}");
+        }
     }
 
     #[test]
