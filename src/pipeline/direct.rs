@@ -1,5 +1,6 @@
 //! Direct light of the patches by lamps that shadow rays find, lamp by lamp: light adds up, so each can be made stronger afterwards.
 
+use super::shown::{Looks, Shown};
 use crate::light::{AreaLight, Light};
 use crate::material::{Scattering, Texture};
 use crate::math::{Rgb, Sampler, sampler::mix};
@@ -170,6 +171,7 @@ struct Measured {
     squares: Vec<f64>,
     points: u64,
     counts: RayCounts,
+    looks: Looks,
 }
 
 impl Measured {
@@ -191,11 +193,17 @@ impl Measured {
     }
 }
 
-/// Mean irradiance of each patch by each lamp that shadow rays find.
-pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed: u64, counts: &mut RayCounts) -> Vec<LampLight> {
+/// Mean irradiance of each patch by each lamp that shadow rays find, and if `is_shown` what of it is seen from afar.
+pub(super) fn measure(
+    world: &World,
+    patches: &PatchMesh,
+    (gather_rays, is_shown): (f64, bool),
+    seed: u64,
+    counts: &mut RayCounts,
+) -> (Vec<LampLight>, Option<Shown>) {
     let lights = lamps_apart(world);
     if lights.is_empty() {
-        return Vec::new();
+        return (Vec::new(), None);
     }
     let apart = is_apart(world.partition());
     let n_lamps = if apart { lights.len() } else { 1 };
@@ -205,13 +213,19 @@ pub(super) fn measure(world: &World, patches: &PatchMesh, gather_rays: f64, seed
     }
     // Where a point picks some of the lamps, how many points there are is decided by all: what few points find of a faint one is never known.
     let n_parts = if sees_all(world.partition()) { n_lamps } else { 1 };
-    let measured = world.needs().choose(Measure { world, patches, gather_rays, seed, lamp_of_light, n_lamps, n_parts });
+    let measured = world.needs().choose(Measure { world, patches, gather_rays, is_shown, seed, lamp_of_light, n_lamps, n_parts });
     measured.iter().for_each(|m| *counts += m.counts);
     let of_lamp = |lamp: usize| LampLight {
         lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
         incident: measured.iter().map(|m| m.mean(lamp)).collect(),
     };
-    (0..n_lamps).map(of_lamp).collect()
+    let lamps = (0..n_lamps).map(of_lamp).collect();
+    if !is_shown {
+        return (lamps, None);
+    }
+    let means: Vec<Rgb> = measured.iter().map(|m| (0..n_lamps).map(|lamp| m.mean(lamp).accepted).sum()).collect();
+    let looks: Vec<Looks> = measured.into_iter().map(|m| m.looks).collect();
+    (lamps, Some(Shown::new(patches, &looks, &means)))
 }
 
 /// The shadow rays of [`measure`].
@@ -219,6 +233,7 @@ struct Measure<'a> {
     world: &'a World,
     patches: &'a PatchMesh,
     gather_rays: f64,
+    is_shown: bool,
     seed: u64,
     lamp_of_light: Vec<usize>,
     n_lamps: usize,
@@ -241,6 +256,7 @@ impl ByStages for Measure<'_> {
                     squares: vec![0.0; n_parts],
                     points: 0,
                     counts: RayCounts::default(),
+                    looks: Looks::default(),
                 };
                 let points = (DIRECT_POINTS * share(i).max(patches.least_share())) as u64;
                 if patches.is_idle(i) && self.world.leaves_idle() {
@@ -279,7 +295,7 @@ impl ByStages for Measure<'_> {
 impl Measure<'_> {
     /// Looks from further points of patch `i`, up to `points` of them in all.
     fn look<K: Stages>(&self, i: usize, points: u64, into: &mut Measured) {
-        let Self { world, patches, gather_rays, seed, ref lamp_of_light, n_lamps, n_parts } = *self;
+        let Self { world, patches, gather_rays, is_shown, seed, ref lamp_of_light, n_lamps, n_parts } = *self;
         for k in into.points..points {
             let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), i as u64, k);
             let mut at = patches.sample_by::<K>(world, PatchId(i as u32), sampler.next_2d());
@@ -306,6 +322,11 @@ impl Measure<'_> {
             for (sum, found) in into.sums.iter_mut().zip(&found) {
                 sum.irradiance += found.irradiance;
                 sum.accepted += found.accepted;
+            }
+            if is_shown {
+                let all = found.iter().map(|found| found.accepted).sum();
+                into.counts.form_factor += 1;
+                into.looks.add::<K>((world, patches), (i, k, seed), &at, all);
             }
             for (square, lamps) in into.squares.iter_mut().zip(found.chunks(n_lamps / n_parts)) {
                 *square += lamps.iter().map(|found| found.irradiance.mean()).sum::<f64>().powi(2);
@@ -358,7 +379,13 @@ mod tests {
     #[test]
     fn the_noise_of_a_mean_is_that_of_independent_points() {
         let lit = Incident { irradiance: Rgb::grey(2.0), accepted: Rgb::grey(1.0) };
-        let of = |points| Measured { sums: vec![lit], squares: vec![4.0], points, counts: RayCounts::default() };
+        let of = |points| Measured {
+            sums: vec![lit],
+            squares: vec![4.0],
+            points,
+            counts: RayCounts::default(),
+            looks: Looks::default(),
+        };
         assert!((of(2).noise(0) - 1.0).abs() < 1e-15, "{}", of(2).noise(0));
         assert_eq!(of(1).noise(0), 0.0);
         assert_eq!(of(2).mean(0).accepted, Rgb::grey(0.5));

@@ -11,6 +11,7 @@ mod lit_gltf;
 pub mod pass_one;
 pub mod probe;
 mod progressive;
+mod shown;
 pub mod solution_file;
 pub mod surface_points;
 

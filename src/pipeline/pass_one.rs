@@ -1,6 +1,7 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
 use super::direct::{self, DIRECT_POINTS, Lamp, LampLight, LampWeight};
+use super::shown::Shown;
 use super::{PipelineError, adaptive, cost::StageCosts};
 use crate::form_factor::{FormFactorMethod, FormFactorSettings, FormFactors, OneChannel, Outside, Stored, memory, method};
 use crate::light::Light;
@@ -38,6 +39,9 @@ pub struct PassOneSettings {
     /// solution has them.
     #[serde(skip)]
     pub virtual_rooms: Option<u32>,
+    /// Direct light by what far places see of a patch, rather than its mean: no kept solution has that.
+    #[serde(skip)]
+    pub shown: bool,
 }
 
 impl Default for PassOneSettings {
@@ -51,6 +55,7 @@ impl Default for PassOneSettings {
             solver: SolverSettings::default(),
             extended: true,
             virtual_rooms: None,
+            shown: false,
             by_light: false,
             max_memory: None,
         }
@@ -279,8 +284,9 @@ pub fn solve_from(
     stop_if_asked(observer, Stage::Patches)?;
     let lamps = kept.lamps.and_then(|lamps| direct::with_strengths_of(world, lamps));
     reused.lamps = lamps.is_some();
-    let measure = || direct::measure(world, &patches, how.rays_beside_shadow_rays(world), seed, counts);
-    let lamps = watch.time(Stage::PatchDirect, || lamps.unwrap_or_else(measure));
+    let rays_beside = how.rays_beside_shadow_rays(world);
+    let measure = || direct::measure(world, &patches, (rays_beside, settings.shown), seed, counts);
+    let (lamps, shown) = watch.time(Stage::PatchDirect, || lamps.map_or_else(measure, |lamps| (lamps, None)));
     stop_if_asked(observer, Stage::PatchDirect)?;
     reused.form_factors = kept.form_factors.is_some();
     let compute = || method::build(world, &patches, &how, counts, observer);
@@ -293,7 +299,7 @@ pub fn solve_from(
         Some((summary, groups)) => (summary.with(Vec::new()), groups),
         None => watch.time(Stage::Solve, || {
             let groups = groups(world, settings, (&patches, &form_factors, &outside), &lamps);
-            solve_groups(settings, (&patches, operator), groups, &lamps, observer)
+            solve_groups(settings, (&patches, operator), groups, (&lamps, shown.as_ref()), observer)
         })?,
     };
     let channels = match reused.solution {
@@ -301,7 +307,10 @@ pub fn solve_from(
         false if world.is_grey() => one_channel.channels(),
         false => 3,
     };
-    let field = assemble(patches, &lamps, &groups, &[]);
+    let mut field = assemble(patches, &lamps, &groups, &[]);
+    if let Some(shown) = shown {
+        field.show(shown.beyond_mean);
+    }
     let power = balance(world, &field, &outside);
     Ok(PassOne { field, form_factors, outside, lamps, groups, solution, power, reused, channels })
 }
@@ -375,7 +384,7 @@ fn solve_groups(
     settings: &PassOneSettings,
     (patches, form_factors): (&PatchMesh, &dyn FormFactors),
     mut groups: Vec<LightGroup>,
-    lamps: &[LampLight],
+    (lamps, shown): (&[LampLight], Option<&Shown>),
     observer: &mut Observer<'_>,
 ) -> Result<(Solution, Vec<LightGroup>), PipelineError> {
     // Errors add up as the light does, but each channel of the mean has its own brightest group: three times at most.
@@ -392,9 +401,15 @@ fn solve_groups(
         for incident in shadow.iter().map(|lamp| &lamp.incident).chain([&group.gathered]) {
             source.iter_mut().zip(incident).for_each(|(source, h)| *source += h.accepted);
         }
+        // What is taken back from patches near each other is of the light that they reflect.
+        let mut direct = source.clone();
+        if let Some(Shown { beyond_mean, returned }) = shown {
+            direct.iter_mut().zip(beyond_mean).for_each(|(direct, more)| *direct += *more);
+            source.iter_mut().zip(direct.iter().zip(returned)).for_each(|(source, (h, r))| *source = *h + *r);
+        }
         let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source };
         let solution = radiosity::solve(&system, &solver, observer)?;
-        group.indirect = solution.irradiance.iter().zip(&system.source).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
+        group.indirect = solution.irradiance.iter().zip(&direct).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
         whole = Some(match whole.take() {
             None => solution,
             Some(mut whole) => {
@@ -465,7 +480,9 @@ fn balance(world: &World, field: &RadiosityField, outside: &Outside) -> PowerBal
     for i in 0..patches.len() {
         let a = patches.area[i];
         let leaves = field.radiosity(i);
-        absorbed += a * total(field.irradiance_of(i) + patches.exitance[i] - leaves);
+        // Far places see more of a patch than its mean, which is what it absorbs by.
+        let mean = leaves - patches.rho[i] * field.shown_beyond_mean(i);
+        absorbed += a * total(field.irradiance_of(i) + patches.exitance[i] - mean);
         // What gloss passes on falls on patches twice or oftener.
         let reflected = leaves - patches.exitance[i];
         absorbed -= a * total(outside.passed_on(i) * reflected + outside.passed_out(i) * leaves + outside.arriving_again(i) * PI);

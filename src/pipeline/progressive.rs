@@ -149,6 +149,7 @@ pub(super) fn first_pass_one(asked: &PassOneSettings, world: &World) -> PassOneS
     let first = PassOneSettings {
         patches: PatchSettings { elements: FIRST_ELEMENTS, rough: has_many_triangles(world), ..asked.patches },
         form_factor_tolerance: FIRST_TOLERANCE,
+        shown: true,
         ..*asked
     };
     if refines(asked) { with_elements(&first, asked, FIRST_ELEMENTS) } else { *asked }

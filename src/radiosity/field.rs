@@ -19,6 +19,8 @@ pub struct RadiosityField {
     /// Irradiance by lamps and by other emitters again, weighted by what the diffuse part makes of each direction over its mean: what a
     /// patch reflects is its mean reflectance times these and the indirect part [W/m²].
     accepted: Vec<[Rgb; 2]>,
+    /// What is seen of the irradiance by lamps from afar beyond its mean, as the diffuse part accepts it; empty if that is not known [W/m²].
+    shown: Vec<Rgb>,
     /// Their sum with the indirect part, and the area of the patch: what is read at every hit lies together.
     whole: Vec<(Rgb, f64)>,
 }
@@ -50,7 +52,18 @@ impl RadiosityField {
         let whole = parts.zip(&patches.area).map(|(([s, g], i), area)| (*s + *g + *i, *area)).collect();
         let irradiance = |of: Vec<Incident>| of.into_iter().map(|i| i.irradiance).collect();
         let (shadow_irradiance, gathered_irradiance) = (irradiance(shadow), irradiance(gathered));
-        Self { patches, shadow_irradiance, gathered_irradiance, indirect_irradiance, accepted, whole }
+        Self { patches, shadow_irradiance, gathered_irradiance, indirect_irradiance, accepted, shown: Vec::new(), whole }
+    }
+
+    /// From now on reads of a patch are of what is seen of it from afar: `beyond_mean` more than the mean.
+    pub fn show(&mut self, beyond_mean: Vec<Rgb>) {
+        self.whole.iter_mut().zip(&beyond_mean).for_each(|((whole, _), more)| *whole = (*whole + *more).map(|h| h.max(0.0)));
+        self.shown = beyond_mean;
+    }
+
+    /// What is seen of patch `i` from afar beyond the mean of its irradiance [W/m²].
+    pub fn shown_beyond_mean(&self, i: usize) -> Rgb {
+        self.shown.get(i).copied().unwrap_or(Rgb::BLACK)
     }
 
     /// Irradiance [W/m²] at a surface point; zero where there is no patch.

@@ -118,3 +118,34 @@ fn rays_of_finer_patches_are_foretold() {
         assert!((found / expected - 1.0).abs() < 0.5, "{found}, expected about {expected}");
     }
 }
+
+/// Half of each patch of a floor lies in the dark under a black strip, where nobody sees it. They give the room the light of their other halves
+/// all the same, and no more than there is; by their means they would give half of that.
+#[test]
+fn a_patch_shows_its_open_part() {
+    let mut room = Room::new(DVec3::new(0.9, 0.5, 0.0), DVec3::new(-1.0, 0.3, 0.0), 4);
+    let [white, dark, black] = [0.8, 0.05, 0.0].map(|rho| room.grey(rho));
+    room.walls(DVec3::new(-1.0, 0.0, -1.0), DVec3::ONE, [black, black, white, dark, black, black], [0.0; 6]);
+    for x in [-1.0, -0.5, 0.0, 0.5] {
+        room.quad(DVec3::new(x, 0.01, -1.0), DVec3::Z * 2.0, DVec3::X * 0.25, black, 0.0);
+    }
+    room.point_light(DVec3::new(0.0, 0.7, 0.0), 1.0);
+    let solved = |size: f64, shown: bool| {
+        let mut settings = quick(1, size);
+        settings.pass_one.form_factor_tolerance = 0.005;
+        settings.pass_one.shown = shown;
+        solve(room.scene(), &settings, &mut silent).expect("solves").pass_one
+    };
+    // Light that the ceiling gets from the floor, over its area.
+    let onto_ceiling = |size: f64, shown: bool| {
+        let field = solved(size, shown).field;
+        let of_ceiling = |i: &usize| field.patches.normal[*i].y < -0.9 && field.shadow_irradiance[*i].g > 0.0;
+        (0..field.patches.len()).filter(of_ceiling).map(|i| field.patches.area[i] * field.indirect_irradiance[i].g).sum::<f64>()
+    };
+    let (fine, mean, shown) = (onto_ceiling(0.06, false), onto_ceiling(0.5, false), onto_ceiling(0.5, true));
+    assert!(mean < 0.7 * fine, "by the mean {mean}, where there is {fine}: the scene shows nothing");
+    assert!((shown / fine - 1.0).abs() < 0.04, "{shown} from one patch, {fine} from small ones");
+    // What reaches the dark sides of the strips is not taken back: they are no patches.
+    let lost = solved(0.5, true).power.unaccounted;
+    assert!(lost.abs() < 0.02, "power of {lost} of what is emitted is nowhere");
+}
