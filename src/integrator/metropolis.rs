@@ -50,7 +50,7 @@ pub struct MetropolisSettings {
 impl Default for MetropolisSettings {
     /// 64 chains keep 64 threads busy.
     fn default() -> Self {
-        Self { chains: 64, large_steps: 0.1, steps: 1.0, even: 32.0 }
+        Self { chains: 64, large_steps: 0.1, steps: 0.5, even: 32.0 }
     }
 }
 

@@ -8,7 +8,7 @@ use super::{Frame, Integrator, IntegratorSettings, PathFilter};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::material::Scattering;
-use crate::math::{Rgb, Sampler, Vec3, warp};
+use crate::math::{Rgb, Sampler, Vec2, Vec3, warp};
 use crate::world::lamps::Lamps;
 use crate::world::plane_mirrors::PlaneMirrors;
 use crate::world::shading::ScatteredRay;
@@ -30,6 +30,9 @@ const MOST_SURVIVAL: f64 = 0.95;
 
 /// Shadow rays where the camera looks, if there is a choice of lamps.
 const LOOKS: u32 = 2;
+
+/// Fraction of the golden ratio: multiples of it fill [0, 1) evenly.
+const GOLDEN: f32 = 0.618_034;
 
 /// No path is longer, whatever the scene asks; at the survival above, one path in 10^11 is.
 const DEEPEST: u32 = 512;
@@ -207,15 +210,15 @@ impl<K: Stages> PathTracer<'_, K> {
     pub(super) fn place<'b>(&'b self, si: &'b SurfaceInteraction, counts: &mut RayCounts) -> Place<'b> {
         counts.met::<K>();
         counts.lobes += u64::from(K::SPECULAR);
-        self.place_again(si)
-    }
-
-    /// The same once more.
-    #[inline]
-    pub(super) fn place_again<'b>(&'b self, si: &'b SurfaceInteraction) -> Place<'b> {
         let shading = self.world.shading_by::<K>(si);
         let plain = shading.plain();
         Place { si, shading, plain }
+    }
+
+    /// The same once more, its reflectance known.
+    #[inline]
+    pub(super) fn place_again<'b>(&'b self, si: &'b SurfaceInteraction, plain: Option<Rgb>) -> Place<'b> {
+        Place { si, shading: self.world.shading_by::<K>(si), plain }
     }
 
     /// Adds the light of lamps there and goes on; `None`: the path ends.
@@ -300,12 +303,18 @@ impl<K: Stages> PathTracer<'_, K> {
                 .direct_by::<K>(place.si, place.shading.receiver(), Shading::IN_PASSING, sampler, counts, respond)
                 .diffuse;
         };
+        let view = lamps.seen_from(place.si.point, normal);
         let shift = if lamps.is_choice() { sampler.next_1d() } else { 0.0 };
         counts.light_choices += u64::from(lamps.is_choice());
         let mut sum = Rgb::BLACK;
+        let first = sampler.next_2d();
+        let share = 1.0 / f64::from(looks);
         for look in 0..looks {
-            let choice = (look as f32 + shift) / looks as f32;
-            let Some(lamp) = lamps.sample(place.si.point, normal, choice, sampler.next_2d()) else { continue };
+            let along = look as f32 / looks as f32;
+            let choice = along + shift / looks as f32;
+            // Points of the looks lie apart, each of them anywhere with the same chance.
+            let shifted = first + Vec2::new(along, look as f32 * GOLDEN);
+            let Some(lamp) = view.sample(choice, shifted - shifted.floor()) else { continue };
             let response = respond(lamp.direction, lamp.density);
             if response.is_black() {
                 continue;
@@ -313,7 +322,10 @@ impl<K: Stages> PathTracer<'_, K> {
             counts.shadow += 1;
             counts.visibility += u64::from(K::VISIBILITY);
             let seen = if K::VISIBILITY { self.world.transmittance(&place.si.spawn_to(lamp.target)) } else { Rgb::WHITE };
-            sum += seen * response * lamp.radiance / (lamp.density * f64::from(looks));
+            if seen.is_black() {
+                continue;
+            }
+            sum += response * lamp.radiance * seen * (share / lamp.density);
         }
         sum
     }

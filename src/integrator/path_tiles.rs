@@ -27,6 +27,8 @@ struct First {
     /// Index of the pixel in the tile.
     pixel: usize,
     si: SurfaceInteraction,
+    /// As [`Place::plain`].
+    plain: Option<Rgb>,
     /// Radiance at the pixel over radiance leaving there.
     throughput: Rgb,
     /// Edges to it.
@@ -126,7 +128,7 @@ impl<K: Stages> PathTracer<'_, K> {
                 && place.shading.receiver().is_some()
                 && (place.plain.is_some() || place.shading.has_diffuse());
             if lends {
-                firsts.push(First { pixel, si, throughput: walk.throughput, depth: walk.depth });
+                firsts.push(First { pixel, si, plain: place.plain, throughput: walk.throughput, depth: walk.depth });
             }
             let Some(next) = self.leave(&walk, &place, sampler, counts, sample) else { return };
             match next.sight {
@@ -159,7 +161,7 @@ impl<K: Stages> PathTracer<'_, K> {
 
     /// Adds to each pixel what all of the tile have found at their second surfaces.
     fn lend(&self, firsts: &[First], seconds: &[Second], counts: &mut RayCounts, samples: &mut [PixelSample]) {
-        let places: Vec<_> = firsts.iter().map(|first| self.place_again(&first.si)).collect();
+        let places: Vec<_> = firsts.iter().map(|first| self.place_again(&first.si, first.plain)).collect();
         for second in seconds {
             let own = &firsts[second.from];
             let target = offset_origin(second.si.point, second.si.error, second.si.ng, second.si.ng);

@@ -95,7 +95,12 @@ impl Bitmap {
                 let (x0, y0) = (x.floor(), y.floor());
                 let (fx, fy) = (f64::from(x - x0), f64::from(y - y0));
                 let (x0, y0) = (x0 as i64, y0 as i64);
-                let row = |y: i64| self.texel(x0, y) * (1.0 - fx) + self.texel(x0 + 1, y) * fx;
+                let columns = [x0, x0 + 1].map(|x| self.fold(x, self.width));
+                let row = |y: i64| {
+                    let first = self.fold(y, self.height) * self.width;
+                    let [a, b] = columns.map(|column| Rgb::from(self.texels.at(first + column)));
+                    a * (1.0 - fx) + b * fx
+                };
                 row(y0) * (1.0 - fy) + row(y0 + 1) * fy
             }
         }
@@ -118,18 +123,25 @@ impl Bitmap {
     }
 
     fn texel(&self, x: i64, y: i64) -> Rgb {
-        let fold = |i: i64, n: usize| {
-            let n = n as i64;
-            (match self.wrap {
-                Wrap::Repeat => i.rem_euclid(n),
-                Wrap::Clamp => i.clamp(0, n - 1),
-                Wrap::Mirror => {
-                    let k = i.rem_euclid(2 * n);
-                    k.min(2 * n - 1 - k)
-                }
-            }) as usize
-        };
-        self.texels.at(fold(y, self.height) * self.width + fold(x, self.width)).into()
+        self.texels.at(self.fold(y, self.height) * self.width + self.fold(x, self.width)).into()
+    }
+
+    /// Where column or row `i` lies, of `n` that there are.
+    #[inline]
+    fn fold(&self, i: i64, n: usize) -> usize {
+        // Nearly all do; a division costs more than what it finds.
+        if (0..n as i64).contains(&i) {
+            return i as usize;
+        }
+        let n = n as i64;
+        (match self.wrap {
+            Wrap::Repeat => i.rem_euclid(n),
+            Wrap::Clamp => i.clamp(0, n - 1),
+            Wrap::Mirror => {
+                let k = i.rem_euclid(2 * n);
+                k.min(2 * n - 1 - k)
+            }
+        }) as usize
     }
 }
 

@@ -46,7 +46,7 @@ pub struct Lamps {
 /// One of them.
 #[derive(Debug)]
 struct Lamp {
-    corners: Vec<[Vec3; 3]>,
+    faces: Vec<Face>,
     /// Running sum of the areas [m²].
     running: Vec<f32>,
     radiance: Rgb,
@@ -59,6 +59,16 @@ impl Lamp {
     fn area(&self) -> f32 {
         self.running.last().copied().unwrap_or(0.0)
     }
+}
+
+/// A triangle of a lamp.
+#[derive(Debug)]
+struct Face {
+    corner: Vec3,
+    /// Edges from the corner to the two others.
+    edges: [Vec3; 2],
+    /// Unit normal on the side that shines.
+    normal: Vec3,
 }
 
 /// A way to a lamp.
@@ -105,11 +115,16 @@ impl Lamps {
                 *sum += v.length();
                 Some(*sum as f32)
             });
+            let face = |&[a, b, c]: &[Vec3; 3]| Face {
+                corner: a,
+                edges: [b - a, c - a],
+                normal: (b - a).cross(c - a).normalize_or_zero(),
+            };
             let lamp = Lamp {
                 running: running.collect(),
                 radiance: *radiance,
                 error: 2.0 * corners.iter().map(|&[a, b, c]| triangle::leaving_error(a, b, c)).fold(0.0, f32::max),
-                corners: corners.clone(),
+                faces: corners.iter().map(face).collect(),
             };
             let sum = vectors().sum::<crate::math::DVec3>().as_vec3();
             let (normal, center) = (sum.normalize_or_zero(), bounds.center());
@@ -132,40 +147,65 @@ impl Lamps {
         self.lamps.len() > 1
     }
 
-    /// Rough irradiance by each lamp at a point with normal `n`, nothing in between: 0 only where no light can arrive.
-    #[inline(always)]
-    fn weigh(&self, p: Vec3, n: Vec3) -> ([f32; MOST], f32) {
-        let (p, n) = (p.to_array().map(f32x8::splat), n.to_array().map(f32x8::splat));
+    /// The lamps as a point with normal `n` sees them: weighed, once for all that is drawn there, by rough irradiance, nothing in
+    /// between, which is 0 only where no light can arrive.
+    #[inline]
+    pub fn seen_from(&self, p: Vec3, n: Vec3) -> LampView<'_> {
+        let at = (p.to_array().map(f32x8::splat), n.to_array().map(f32x8::splat));
         let dot = |a: [f32x8; 3], b: [f32x8; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let mut weights = [0.0; MOST];
         let mut total = 0.0;
         for (v, of_vector) in weights.chunks_exact_mut(WIDTH).enumerate().take(self.vectors) {
             let of = |all: &[Lanes; 3]| [all[0][v], all[1][v], all[2][v]];
             let (center, normal, radius) = (of(&self.center), of(&self.normal), self.radius[v]);
-            let way = [center[0] - p[0], center[1] - p[1], center[2] - p[2]];
+            let way = [center[0] - at.0[0], center[1] - at.0[1], center[2] - at.0[2]];
             let over_distance = f32x8::ONE / dot(way, way).max(radius * radius).sqrt();
-            let cos = ((dot(way, n) + radius) * over_distance).max(f32x8::ZERO).min(f32x8::ONE);
-            let height = dot(p, normal) - self.plane[v];
+            let cos = ((dot(way, at.1) + radius) * over_distance).max(f32x8::ZERO).min(f32x8::ONE);
+            let height = dot(at.0, normal) - self.plane[v];
             let least = height.cmp_gt(f32x8::ZERO).blend(f32x8::splat(LEAST_COSINE), f32x8::ZERO);
             let shines = (height * over_distance).min(f32x8::ONE).max(least);
-            let all = (self.strength[v] * cos * shines * over_distance * over_distance).to_array();
-            of_vector.copy_from_slice(&all);
-            // In order, so that a choice walks through the same sums.
-            all.iter().for_each(|w| total += w);
+            let all = self.strength[v] * cos * shines * over_distance * over_distance;
+            total += all.reduce_add();
+            of_vector.copy_from_slice(&all.to_array());
         }
-        (weights, total)
+        LampView { lamps: self, point: p, weights, total }
     }
 
-    /// A point of one of the lamps, as seen from `point` with normal `n`; `None` where it shines the other way.
+    /// Density per steradian with which [`LampView::sample`] finds the point `at` of a lamp, which a ray from `origin` along `direction` has met;
+    /// `None` if `at` is no lamp, or both sides of `origin` receive: shadow rays are not sent by this then.
     #[inline]
-    pub fn sample(&self, point: Vec3, n: Vec3, choice: f32, mut u: Vec2) -> Option<LampSample> {
-        let (weights, total) = self.weigh(point, n);
-        if total <= 0.0 {
+    pub fn density(&self, origin: &Origin, direction: Vec3, at: &SurfaceInteraction) -> Option<f64> {
+        let lamp = usize::from(self.of_shape[at.shape as usize]?);
+        let LampView { weights, total, .. } = self.seen_from(origin.point, origin.receiver?);
+        let cos = -direction.dot(at.ng);
+        if total <= 0.0 || cos <= 0.0 {
+            return Some(0.0);
+        }
+        let d2 = (at.point - origin.point).length_squared();
+        Some(f64::from(d2 / (cos * self.lamps[lamp].area()) * (weights[lamp] / total)))
+    }
+}
+
+/// Lamps as one place sees them.
+#[derive(Debug)]
+pub struct LampView<'a> {
+    lamps: &'a Lamps,
+    point: Vec3,
+    weights: [f32; MOST],
+    total: f32,
+}
+
+impl LampView<'_> {
+    /// A point of one of the lamps; `None` where it shines the other way.
+    #[inline]
+    pub fn sample(&self, choice: f32, mut u: Vec2) -> Option<LampSample> {
+        let Self { lamps, point, weights, total } = self;
+        if *total <= 0.0 {
             return None;
         }
         let mut rest = choice * total;
         let mut chosen = 0;
-        while chosen + 1 < self.lamps.len() && rest >= weights[chosen] {
+        while chosen + 1 < lamps.lamps.len() && rest >= weights[chosen] {
             rest -= weights[chosen];
             chosen += 1;
         }
@@ -173,15 +213,16 @@ impl Lamps {
         while weights[chosen] == 0.0 {
             chosen = chosen.checked_sub(1)?;
         }
-        let lamp = &self.lamps[chosen];
+        let lamp = &lamps.lamps[chosen];
         let along = u.x * lamp.area();
-        let k = lamp.running.partition_point(|&r| r <= along).min(lamp.running.len() - 1);
+        // Most lamps have two triangles.
+        let k =
+            if lamp.running[0] > along { 0 } else { lamp.running.partition_point(|&r| r <= along).min(lamp.running.len() - 1) };
         let before = if k == 0 { 0.0 } else { lamp.running[k - 1] };
         u.x = ((along - before) / (lamp.running[k] - before)).clamp(0.0, 1.0 - f32::EPSILON);
-        let (w, [a, b, c]) = (warp::triangle(u), lamp.corners[k]);
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        let position = a + (b - a) * w.x + (c - a) * w.y;
-        let way = position - point;
+        let (w, &Face { corner, edges, normal }) = (warp::triangle(u), &lamp.faces[k]);
+        let position = corner + edges[0] * w.x + edges[1] * w.y;
+        let way = position - *point;
         let d2 = way.length_squared();
         let direction = way / d2.sqrt();
         let cos = -normal.dot(direction);
@@ -190,20 +231,6 @@ impl Lamps {
         let target = offset_origin(position, Vec3::splat(lamp.error), normal, -direction);
         let density = f64::from(d2 / (cos * lamp.area()) * (weights[chosen] / total));
         shines.then_some(LampSample { direction, density, radiance: lamp.radiance, target })
-    }
-
-    /// Density per steradian with which [`Self::sample`] finds the point `at` of a lamp, which a ray from `origin` along `direction` has met;
-    /// `None` if `at` is no lamp, or both sides of `origin` receive: shadow rays are not sent by this then.
-    #[inline]
-    pub fn density(&self, origin: &Origin, direction: Vec3, at: &SurfaceInteraction) -> Option<f64> {
-        let lamp = usize::from(self.of_shape[at.shape as usize]?);
-        let (weights, total) = self.weigh(origin.point, origin.receiver?);
-        let cos = -direction.dot(at.ng);
-        if total <= 0.0 || cos <= 0.0 {
-            return Some(0.0);
-        }
-        let d2 = (at.point - origin.point).length_squared();
-        Some(f64::from(d2 / (cos * self.lamps[lamp].area()) * (weights[lamp] / total)))
     }
 }
 

@@ -36,6 +36,44 @@ fn paths_in_the_furnace_sum_the_geometric_series() {
     }
 }
 
+/// Mean and variance of the mean of each pixel of the room, path by path alone or lent between neighbours, of paths of up to `depth` edges.
+fn replicas(room: &Room, single: bool, depth: Option<u32>) -> Vec<(f64, f64)> {
+    const REPLICAS: u64 = 16;
+    let images = (0..REPLICAS).map(|seed| {
+        let mut settings = RenderSettings { seed: seed + if single { 100 } else { 0 }, ..settings(32) };
+        settings.max_depth = depth.map(Some);
+        settings.methods.paths = single.then(|| PathFilter::new("L.*E").expect("a regular expression"));
+        run(room.scene(), &settings).film.image()
+    });
+    let images: Vec<_> = images.collect();
+    let n = REPLICAS as f64;
+    let of_pixel = |k: usize| {
+        let values = || images.iter().map(|image| f64::from(image.pixels()[k][1]));
+        let mean = values().sum::<f64>() / n;
+        (mean, values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n)
+    };
+    (0..images[0].pixels().len()).map(of_pixel).collect()
+}
+
+/// Fails unless every pixel has the same mean by lent paths and by single ones; sums of the variances by both.
+fn same_by_both(room: &Room, depth: Option<u32>) -> (f64, f64) {
+    let (lent, single) = (replicas(room, false, depth), replicas(room, true, depth));
+    let mut sum = 0.0;
+    for (k, ((a, v1), (b, v2))) in lent.iter().zip(&single).enumerate() {
+        if a == b {
+            continue;
+        }
+        let t = (a - b) / (v1 + v2).sqrt();
+        // With 16 degrees of freedom at least, one of 64 pixels exceeds 6 once in a thousand runs.
+        assert!(t.abs() < 6.0, "pixel {k}: {a} lent, {b} alone, {t} standard errors");
+        sum += t;
+    }
+    // The eight pixels of a tile may err together.
+    assert!(sum.abs() < 4.0 * (lent.len() as f64 * 8.0).sqrt(), "errors of one sign: {sum}");
+    let total = |of: &[(f64, f64)]| of.iter().map(|(_, v)| v).sum::<f64>();
+    (total(&lent), total(&single))
+}
+
 /// What neighbours lend has the mean of single paths, in each pixel. Where they do not see the same, a path that is counted by those that do
 /// not see where it ends would darken borders: an opaque sheet stands between the walls that neighbours look at.
 #[test]
@@ -46,35 +84,21 @@ fn lent_paths_have_the_mean_of_single_ones() {
     room.quad(DVec3::new(-0.9, 0.9, -0.5), DVec3::X * 0.4, DVec3::Z * 0.4, dark, 10.0);
     // Seen edge-on, it parts the pixels of a tile in two and two.
     room.quad(DVec3::new(0.35, -0.9, -0.2), DVec3::Y * 1.6, DVec3::new(0.45, 0.0, 0.9), light, 0.0);
-    const REPLICAS: u64 = 16;
-    // Mean and variance of the mean, pixel by pixel.
-    let render = |single: bool| {
-        let images = (0..REPLICAS).map(|seed| {
-            let mut settings = RenderSettings { seed: seed + if single { 100 } else { 0 }, ..settings(32) };
-            settings.methods.paths = single.then(|| PathFilter::new("L.*E").expect("a regular expression"));
-            run(room.scene(), &settings).film.image()
-        });
-        let images: Vec<_> = images.collect();
-        let n = REPLICAS as f64;
-        let of_pixel = |k: usize| {
-            let values = || images.iter().map(|image| f64::from(image.pixels()[k][1]));
-            let mean = values().sum::<f64>() / n;
-            (mean, values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n)
-        };
-        (0..64).map(of_pixel).collect::<Vec<(f64, f64)>>()
-    };
-    let (lent, single) = (render(false), render(true));
-    let mut sum = 0.0;
-    for (k, ((a, v1), (b, v2))) in lent.iter().zip(&single).enumerate() {
-        let t = (a - b) / (v1 + v2).sqrt();
-        // With 16 degrees of freedom at least, one of 64 pixels exceeds 6 once in a thousand runs.
-        assert!(t.abs() < 6.0, "pixel {k}: {a} lent, {b} alone, {t} standard errors");
-        sum += t;
-    }
-    // The eight pixels of a tile may err together.
-    assert!(sum.abs() < 4.0 * (64.0_f64 * 8.0).sqrt(), "errors of one sign: {sum}");
-    let total = |of: &[(f64, f64)]| of.iter().map(|(_, v)| v).sum::<f64>();
-    assert!(total(&lent) < 0.5 * total(&single), "lending lowers the variance: {} against {}", total(&lent), total(&single));
+    let (lent, single) = same_by_both(&room, None);
+    assert!(lent < 0.5 * single, "lending lowers the variance: {lent} against {single}");
+}
+
+/// Paths whose first surfaces lie as many edges from the camera share what they find, no others: half of each tile looks into a mirror, behind
+/// which a path may have one bounce less before its limit.
+#[test]
+fn paths_of_other_depths_are_not_lent() {
+    let mut room = Room::new(DVec3::new(0.0, 0.0, -0.9), DVec3::ZERO, 8);
+    let (light, mirror) = (room.grey(0.8), room.mirror(1.0));
+    room.walls(DVec3::splat(-1.0), DVec3::splat(1.0), [light; 6], [0.0; 6]);
+    room.quad(DVec3::new(-0.5, 0.9, -0.5), DVec3::X, DVec3::Z, light, 4.0);
+    // The middle half of the picture's width: its rays meet this plane within 0.85 of the axis.
+    room.quad(DVec3::new(-0.425, -0.89, -0.05), DVec3::Y * 1.78, DVec3::X * 0.85, mirror, 0.0);
+    same_by_both(&room, Some(3));
 }
 
 /// With roulette the mean stays: 1/(1 - rho).

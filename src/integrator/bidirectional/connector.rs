@@ -1,6 +1,6 @@
 //! All ways to make a path of walks from both ends, each weighted against all others.
 
-use super::subpath::{Carried, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart};
+use super::subpath::{CONNECTION_WORTH, Carried, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::integrator::Frame;
@@ -198,7 +198,7 @@ impl<'a> Connector<'a> {
             let by_scattering = if ray.density.is_finite() { mis(forward / density) } else { 0.0 };
             let cos = f64::from(si.ng.dot(ray.direction).abs());
             let leaving = departures.density_against(self.world, ray);
-            let by_light = mis(leaving * cos / density) * (vertex.d_vcm + vertex.d_vc * mis(reverse));
+            let by_light = mis(leaving * cos / density) * vertex.other_ways(self.heuristic, reverse);
             Scattering { diffuse: response / (1.0 + by_scattering + by_light), glossy: Rgb::BLACK }
         };
         let found = self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
@@ -233,8 +233,8 @@ impl<'a> Connector<'a> {
         let mis = |v: f64| self.heuristic.of(v);
         let cos_x = f64::from(x.si.ng.dot(direction).abs());
         let cos_y = f64::from(y.si.ng.dot(direction).abs());
-        let by_camera = mis(at_x.forward * cos_y / d2) * (y.d_vcm + y.d_vc * mis(at_y.reverse));
-        let by_light = mis(at_y.forward * cos_x / d2) * (x.d_vcm + x.d_vc * mis(at_x.reverse));
+        let by_camera = mis(at_x.forward * cos_y / (d2 * CONNECTION_WORTH)) * y.other_ways(self.heuristic, at_y.reverse);
+        let by_light = mis(at_y.forward * cos_x / (d2 * CONNECTION_WORTH)) * x.other_ways(self.heuristic, at_x.reverse);
         let weighted = carried / (1.0 + by_camera + by_light);
         let chance = weighted.luminance() / least;
         let sent = if chance < 1.0 { chance.max(LEAST_CHANCE) } else { 1.0 };
@@ -260,8 +260,8 @@ impl<'a> Connector<'a> {
         let (sighting, carried, reverse) = self.sighted(y)?;
         let mis = |v: f64| self.heuristic.of(v);
         let cos = f64::from(y.si.ng.dot(sighting.direction).abs());
-        let by_camera =
-            mis(sighting.importance * cos / (sighting.distance_squared * self.light_walks)) * (y.d_vcm + y.d_vc * mis(reverse));
+        let by_camera = mis(sighting.importance * cos / (sighting.distance_squared * self.light_walks))
+            * y.other_ways(self.heuristic, reverse);
         let found = carried * self.visible(y, counts) / (1.0 + by_camera);
         (!found.is_black()).then_some((sighting, found))
     }

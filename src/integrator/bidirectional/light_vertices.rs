@@ -3,7 +3,8 @@
 //! A camera walk need not be connected with one light walk alone: the vertices of all of them are at hand ([Davidovic14], section 4), and few
 //! serve it as well as many if they are well chosen ([Popov15]). Space is divided into cells. What connections between each two cells
 //! have brought in the passes before, shadows and weights included, tells how likely a vertex of a cell is picked from another; some picks are
-//! uniform, so that nothing is missed. Every strategy's expectation is as with one walk each, so its weights are as well.
+//! uniform, so that nothing is missed. Every strategy's expectation is as with one walk each, so its weights are as well, but
+//! that a connection counts for more ([`super::subpath::CONNECTION_WORTH`]).
 
 use super::subpath::Vertex;
 use crate::geometry::Bounds;

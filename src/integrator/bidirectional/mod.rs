@@ -24,7 +24,7 @@ use shared::{Sharing, Ways};
 use subpath::{Carried, Met, Vertex, Walk};
 
 /// Vertices of light walks that a camera's vertex is connected with.
-const PICKS: u32 = 3;
+const PICKS: u32 = 4;
 /// What would bring less than this share of the picture's mean is asked for by chance.
 const FAINT: f64 = 0.1;
 /// Pixels whose light walks are kept at a time: some 200 bytes a vertex.

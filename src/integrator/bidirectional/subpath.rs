@@ -14,8 +14,14 @@ use std::f64::consts::FRAC_1_PI;
 
 /// From this many edges on a walk from the camera or from a lamp goes on with a probability equal to its throughput.
 const ROULETTE_DEPTH: [u32; 2] = [5, 2];
+/// ... or, from the camera, with this many times its throughput, as in path tracing: what deep vertices are connected with is much of the
+/// light behind a door, and few heavy walks that get there are noise.
+const SURVIVAL: [f64; 2] = [2.0, 1.0];
 /// No walk goes on with a higher probability.
 const MOST_SURVIVAL: f64 = 0.95;
+/// A connection counts as so many in the weights: it is the mean of several well chosen ones, with less noise than other ways of the same
+/// density.
+pub const CONNECTION_WORTH: f64 = 3.0;
 /// Cosines are taken to be no smaller: densities stay finite.
 const LEAST_COSINE: f64 = 1e-9;
 /// Straight passages between two vertices, at most.
@@ -67,6 +73,15 @@ pub struct Scattered {
 }
 
 impl Vertex {
+    /// All ways to make the path that has the edge to this vertex, or one before, in their middle, over the way that goes on from here:
+    /// `reverse` is the density of the way back [1/sr].
+    #[inline]
+    pub fn other_ways(&self, heuristic: Heuristic, reverse: f64) -> f64 {
+        // The first edge is no connection: it stands for a shadow ray, or for a lamp's walk that the camera sees.
+        let connecting = if self.edges > 1 { heuristic.of(CONNECTION_WORTH) } else { 1.0 };
+        self.d_vcm * connecting + self.d_vc * heuristic.of(reverse)
+    }
+
     /// The vertex's part in a path that goes on along the unit vector `toward`.
     #[inline]
     pub fn scatter(&self, world: &World, carried: Carried, toward: Vec3) -> Scattered {
@@ -242,7 +257,7 @@ impl Walk<'_> {
                         Carried::Radiance => next.weight,
                         Carried::Light => scattered.response / density,
                     };
-                    edge.d_vc = mis(cos_out / density) * (vertex.d_vc * mis(scattered.reverse) + vertex.d_vcm);
+                    edge.d_vc = mis(cos_out / density) * vertex.other_ways(self.heuristic, scattered.reverse);
                     edge.d_vcm = mis(1.0 / density);
                     edge.scattered += 1;
                     let sampling = Shading::IN_PASSING;
@@ -258,7 +273,7 @@ impl Walk<'_> {
             }
             if edge.edges > ROULETTE_DEPTH[self.carried as usize] {
                 let scale = if self.carried == Carried::Radiance { eta * eta } else { 1.0 / first };
-                let survival = (throughput.max() * scale).min(MOST_SURVIVAL);
+                let survival = (throughput.max() * scale * SURVIVAL[self.carried as usize]).min(MOST_SURVIVAL);
                 if f64::from(sampler.next_1d()) >= survival {
                     return;
                 }
