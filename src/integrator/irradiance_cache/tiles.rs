@@ -4,7 +4,7 @@
 //! would visit them, so that sums have the same bits. Two points of a wall have one normal: nothing turns between them. Where the scene
 //! is grey, one channel is read.
 
-use super::{Cached, IrradianceCache, NORMAL_REACH, OVERLAP, Record};
+use super::{Cached, IrradianceCache, NORMAL_REACH, OVERLAP, Reading, Record, along};
 use crate::geometry::triangle;
 use crate::math::{Rgb, Vec3};
 use crate::world::flat::FlatHit;
@@ -60,9 +60,7 @@ impl IrradianceCache {
         let Some(tiles) = &self.tiles else { return self.read(point, hit.normal, hit.shape) };
         let normal = hit.normal;
         let twice = normal + normal;
-        let mut total = 0.0_f64;
-        let (mut sum, mut emitted) = (Rgb::BLACK, Rgb::BLACK);
-        let (mut grey_sum, mut grey_emitted) = (0.0, 0.0);
+        let (mut reading, mut grey) = (Reading::default(), GreyReading::default());
         for &index in tiles.at(hit) {
             let head = &tiles.heads[index as usize];
             let offset = point - head.point;
@@ -82,44 +80,65 @@ impl IrradianceCache {
             if distance >= 1.0 {
                 continue;
             }
-            let weight = f64::from((1.0 - distance) * (1.0 - distance));
             if !K::COLOUR && is_same {
-                let record = &tiles.grey[index as usize];
-                let value = extrapolated(record.irradiance, record.translation.dot(offset)) * weight;
-                grey_sum += value;
-                grey_emitted += value * record.emitted_share;
-            } else {
-                let record = &self.records[index as usize];
-                let value = if is_same { record.extrapolate_along(offset) } else { record.extrapolate(point, normal) } * weight;
-                if K::COLOUR {
-                    sum += value;
-                    emitted += value * record.emitted_share;
-                } else {
-                    grey_sum += value.r;
-                    grey_emitted += value.r * record.emitted_share.r;
-                }
+                grey.add(&tiles.grey[index as usize], distance, offset);
+                continue;
             }
-            total += weight;
+            let record = &self.records[index as usize];
+            let turn = if is_same { Rgb::BLACK } else { record.turned(normal) };
+            if K::COLOUR {
+                reading.add(record, distance, offset, turn);
+            } else {
+                grey.add_turned(record, distance, offset, turn.r);
+            }
         }
-        if !K::COLOUR {
-            (sum, emitted) = (Rgb::grey(grey_sum), Rgb::grey(grey_emitted));
-        }
-        (total > 0.0).then(|| Cached { reflected: (sum - emitted) / total, emitted: emitted / total })
+        if K::COLOUR { reading.cached() } else { grey.cached() }
     }
 }
 
-/// Irradiance `change` away from where it was `irradiance`: as [`Record::extrapolate`].
-#[inline]
-fn extrapolated(irradiance: f64, change: f32) -> f64 {
-    (irradiance + f64::from(change)).clamp(0.5 * irradiance, 2.0 * irradiance)
+/// As [`Reading`], in one channel.
+#[derive(Debug, Default)]
+struct GreyReading {
+    total: f64,
+    sum: f64,
+    emitted: f64,
+    offset: Vec3,
+    gradient: Vec3,
 }
 
-impl Record {
-    /// As [`Self::extrapolate`] about the record's own normal.
+impl GreyReading {
     #[inline]
-    fn extrapolate_along(&self, offset: Vec3) -> Rgb {
-        let at = |e: f64, c: usize| extrapolated(e, self.translation[c].dot(offset));
-        Rgb::new(at(self.irradiance.r, 0), at(self.irradiance.g, 1), at(self.irradiance.b, 2))
+    fn add(&mut self, record: &Grey, distance: f32, offset: Vec3) {
+        self.add_value(record, distance, offset, 0.0);
+    }
+
+    #[inline]
+    fn add_turned(&mut self, record: &Record, distance: f32, offset: Vec3, turn: f64) {
+        self.add_value(&Grey::of(record), distance, offset, turn);
+    }
+
+    #[inline]
+    fn add_value(&mut self, record: &Grey, distance: f32, offset: Vec3, turn: f64) {
+        let near = (1.0 - distance) * (1.0 - distance);
+        let weight = f64::from(near);
+        let value = along(record.irradiance, f64::from(0.5 * record.translation.dot(offset)) + turn) * weight;
+        self.sum += value;
+        self.emitted += value * record.emitted_share;
+        self.offset += offset * near;
+        self.gradient += record.translation * near;
+        self.total += weight;
+    }
+
+    fn cached(self) -> Option<Cached> {
+        let Self { total, sum, emitted, offset, gradient } = self;
+        let grey = Reading { total, sum: Rgb::grey(sum), emitted: Rgb::grey(emitted), offset, gradient: [gradient; 3] };
+        grey.cached()
+    }
+}
+
+impl Grey {
+    fn of(record: &Record) -> Self {
+        Self { irradiance: record.irradiance.r, emitted_share: record.emitted_share.r, translation: record.translation[0] }
     }
 }
 
@@ -176,9 +195,7 @@ impl Tiles {
             normal: r.normal,
             bend: (1.0 - r.normal.dot(r.normal)).max(0.0).sqrt() / NORMAL_REACH,
         };
-        let grey =
-            |r: &Record| Grey { irradiance: r.irradiance.r, emitted_share: r.emitted_share.r, translation: r.translation[0] };
-        let grey = if K::COLOUR { Vec::new() } else { records.iter().map(grey).collect() };
+        let grey = if K::COLOUR { Vec::new() } else { records.iter().map(Grey::of).collect() };
         Some(Self { tiles, start, records: sorted, heads: records.iter().map(head).collect(), grey })
     }
 
