@@ -22,6 +22,11 @@ pub(super) const DIRECT_POINTS: f64 = 32.0;
 const NOISE: f64 = 0.02;
 /// ... but no more than this many.
 const MOST_POINTS: f64 = 256.0;
+/// How often it is asked whether a patch gets more: what few points say of their noise may be far too little.
+const MORE_LOOKS: u32 = 2;
+/// Share of the points of a full patch that any patch has at least: where four points all lie in the dark, nobody looks again. The solutions of
+/// `two-pass` follow each other, finer and finer; they look but once more, and small patches have their share of rays in points.
+const LEAST_SHARE: f64 = 0.25;
 
 /// Most lamps that are kept apart: each has a solution of its own. Where there are more, all are one.
 const MOST_LAMPS: usize = 16;
@@ -246,6 +251,7 @@ impl ByStages for Measure<'_> {
 
     fn run<K: Stages>(self) -> Self::Output {
         let Self { patches, n_lamps, n_parts, .. } = self;
+        let (least_share, more_looks) = if self.is_shown { (patches.least_share(), 1) } else { (LEAST_SHARE, MORE_LOOKS) };
         // Patches that were cut small because the light changes there are full ones of their size.
         let share = |i: usize| (patches.area[i] / patches.cell_size(i).powi(2)).min(1.0);
         let mut measured: Vec<Measured> = (0..patches.len())
@@ -258,7 +264,7 @@ impl ByStages for Measure<'_> {
                     counts: RayCounts::default(),
                     looks: Looks::default(),
                 };
-                let points = (DIRECT_POINTS * share(i).max(patches.least_share())) as u64;
+                let points = (DIRECT_POINTS * share(i).max(least_share)) as u64;
                 if patches.is_idle(i) && self.world.leaves_idle() {
                     measured.points = points;
                 } else {
@@ -278,11 +284,13 @@ impl ByStages for Measure<'_> {
         };
         let levels: Vec<f64> = (0..n_parts).map(level).collect();
         measured.par_iter_mut().enumerate().for_each(|(i, m)| {
-            let over = |(part, level): (usize, &f64)| share(i) * m.noise(part) / (NOISE * level).powi(2);
-            let wanted = levels.iter().enumerate().map(over).fold(0.0, f64::max);
-            if wanted > 1.0 {
-                let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
-                self.look::<K>(i, points, m);
+            for _ in 0..more_looks {
+                let over = |(part, level): (usize, &f64)| share(i) * m.noise(part) / (NOISE * level).powi(2);
+                let wanted = levels.iter().enumerate().map(over).fold(0.0, f64::max);
+                if wanted > 1.0 {
+                    let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
+                    self.look::<K>(i, points, m);
+                }
             }
             if patches.is_idle(i) {
                 m.counts.idle += m.counts.shadow;

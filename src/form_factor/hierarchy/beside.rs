@@ -4,6 +4,7 @@
 //! from the rays.
 
 use super::HierarchySettings;
+use super::shrink::{Branches, Estimate};
 use super::tree::Tree;
 use crate::form_factor::outside::{Outside, OutsideRow, Walked, Walks};
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
@@ -21,6 +22,12 @@ const MOST_TIMES: u32 = 64;
 const GROUPS: usize = 8192;
 /// Groups are parted where a wall parts more than an eighth of them: the root of twice that share.
 const TORN: f32 = 0.5;
+/// Typical error of what the links of a group of patches sum to.
+const LINKS_ERR_BY: f64 = 0.05;
+/// Standard errors within which shares are believed.
+const SURE: f64 = 2.0;
+/// Groups whose noise is taken to be one, when it is asked which get more rays.
+const POOLED: u32 = 8;
 /// Most patches of a group.
 const LARGEST_GROUP: usize = 64;
 
@@ -32,6 +39,9 @@ pub struct Beside {
     rows: [Rows; 2],
     /// By group: what its rays saw besides patches.
     seen: Vec<Seen>,
+    /// True if any saw light, directly or from patches.
+    #[serde(skip)]
+    finds_light: bool,
     /// By place: what a row has left for what is no patch, over what the rays of its group found of that.
     weight: Vec<f64>,
 }
@@ -49,6 +59,9 @@ struct Seen {
     /// Share of rays that met no patch first.
     elsewhere: f64,
     parts: [OutsideRow; 2],
+    /// How many there were.
+    #[serde(skip)]
+    rays: u32,
 }
 
 /// A group's rays, summed.
@@ -56,8 +69,8 @@ struct Seen {
 struct Cast {
     seen: Seen,
     entries: [Vec<(u32, [f32; 3])>; 2],
-    /// Variance of the mean of what arrived, averaged over channels [W² m⁻⁴ sr⁻²].
-    noise: f64,
+    /// Variance of the mean of what arrived by either way, averaged over channels [W² m⁻⁴ sr⁻²].
+    noise: [f64; 2],
     counts: RayCounts,
 }
 
@@ -68,8 +81,10 @@ impl Beside {
         let is_group = |at: &usize| tree.nodes[*at].count <= largest && tree.torn[*at] < TORN;
         let mut group = vec![0; tree.patch.len()];
         let mut groups = Vec::new();
+        let mut visited = Vec::new();
         let mut at = 0;
         while at < tree.nodes.len() {
+            visited.push(is_group(&at));
             if is_group(&at) {
                 let node = &tree.nodes[at];
                 group[node.first as usize..(node.first + node.count) as usize].fill(groups.len() as u32);
@@ -80,6 +95,7 @@ impl Beside {
                 at += 1;
             }
         }
+        let branches = Branches::new(&visited);
         let all = |rays: u32, seed: u64| -> Vec<Cast> {
             groups.par_iter().map(|&at| cast_group(world, patches, tree, at, rays, seed, settings)).collect()
         };
@@ -88,9 +104,11 @@ impl Beside {
         if found.iter().any(Cast::has_light) && settings.rays > SCOUTS {
             found = all(settings.rays, mix(settings.seed));
             found.iter().for_each(|cast| *counts += cast.counts);
-            // As many rays again go to groups whose light came by few of them.
-            let spread: Vec<f64> =
-                groups.iter().zip(&found).map(|(&at, cast)| (tree.nodes[at].area * cast.noise).sqrt()).collect();
+            // As many rays again go where light came by few of them; not to the very groups that it came to, of which those that were
+            // lucky would lose what they found, and the others gain nothing.
+            let noise: Vec<f64> = found.iter().map(|cast| cast.noise.iter().sum()).collect();
+            let noise = branches.pool(&noise, POOLED);
+            let spread: Vec<f64> = groups.iter().zip(&noise).map(|(&at, noise)| (tree.nodes[at].area * noise).sqrt()).collect();
             let more = more_rays(&spread);
             let again: Vec<(usize, Cast)> = more
                 .par_iter()
@@ -106,7 +124,10 @@ impl Beside {
                 found[g] = cast;
             }
         }
-        let mut beside = Self { group, weight: vec![0.0; tree.patch.len()], ..Self::default() };
+        let area: Vec<f64> = groups.iter().map(|&at| tree.nodes[at].area).collect();
+        draw_together(&branches, &area, &mut found);
+        let finds_light = found.iter().any(Cast::has_light);
+        let mut beside = Self { group, finds_light, weight: vec![0.0; tree.patch.len()], ..Self::default() };
         beside.rows.iter_mut().for_each(|rows| rows.start.push(0));
         for cast in found {
             for (rows, entries) in beside.rows.iter_mut().zip(&cast.entries) {
@@ -134,9 +155,31 @@ impl Beside {
         self.seen[self.group[place] as usize].elsewhere
     }
 
-    /// What the direct part of the row at `place` sums to, if its links sum to `linked`.
-    pub fn target(&self, place: usize, linked: f64) -> f64 {
-        if self.share_elsewhere(place) > 0.0 { linked.min(1.0) } else { 1.0 }
+    /// What the direct part of each row sums to, by place, if its links sum to `linked` and its patch has so much `area`.
+    ///
+    /// Where much goes elsewhere, that is what links leave, as far as the rays of the group bear it out; where little does, it is what the rays
+    /// say: what links leave is mostly their own error then, and what one ray in a thousand has found must not count for all of that. Without
+    /// light in either, links alone say how open a row is.
+    pub fn targets(&self, linked: &[f64], area: &[f64]) -> Vec<f64> {
+        let mut target = Vec::with_capacity(linked.len());
+        for same in self.group.chunk_by(|a, b| a == b) {
+            let range = target.len()..target.len() + same.len();
+            let Seen { elsewhere, rays, .. } = self.seen[same[0] as usize];
+            if elsewhere <= 0.0 {
+                target.resize(range.end, 1.0);
+                continue;
+            }
+            let left = |at: usize| (1.0 - linked[at]).max(0.0);
+            let all: f64 = range.clone().map(|at| area[at]).sum();
+            let mean = range.clone().map(|at| left(at) * area[at]).sum::<f64>() / all;
+            let [low, high] = likely(elsewhere, f64::from(rays));
+            let is_likely = !self.finds_light || (low..=high).contains(&mean);
+            let factor = if is_likely || mean <= 0.0 { 1.0 } else { elsewhere / mean };
+            let by_links = if self.finds_light { elsewhere.powi(2) / (elsewhere.powi(2) + LINKS_ERR_BY.powi(2)) } else { 1.0 };
+            let goes = |at: usize| by_links * (left(at) * factor).min(1.0) + (1.0 - by_links) * elsewhere;
+            target.extend(range.map(|at| 1.0 - goes(at)));
+        }
+        target
     }
 
     /// Weights the rows of groups so that each patch, whose direct part sums to `target` by place, has a row that closes; what goes out
@@ -218,6 +261,40 @@ impl Cast {
     }
 }
 
+/// Shares that so many rays may be of, of which the share `found` was found: the interval of [Wilson27].
+fn likely(found: f64, rays: f64) -> [f64; 2] {
+    let z2 = SURE * SURE / rays;
+    let middle = found + 0.5 * z2;
+    let half = (z2 * (found * (1.0 - found) + 0.25 * z2)).sqrt();
+    [(middle - half) / (1.0 + z2), (middle + half) / (1.0 + z2)]
+}
+
+/// Light that came to few groups by few rays is spread over those around them.
+fn draw_together(branches: &Branches, area: &[f64], found: &mut [Cast]) {
+    for way in 0..2 {
+        let estimate = |(cast, area): (&Cast, &f64)| {
+            let row = &cast.seen.parts[way];
+            let light = [row.arriving, row.accepted, row.arriving_again].map(Rgb::to_array);
+            // Where no ray went past patches nothing can come that way, and what would be put there would be lost.
+            let is_open = way == 1 || cast.seen.elsewhere > 0.0;
+            Estimate {
+                mean: std::array::from_fn::<f64, 9, _>(|k| light[k / 3][k % 3]),
+                level: row.arriving.mean(),
+                variance: cast.noise[way],
+                area: if is_open { *area } else { 0.0 },
+            }
+        };
+        let groups: Vec<Estimate<9>> = found.iter().zip(area).map(estimate).collect();
+        for (cast, (mean, group)) in found.iter_mut().zip(branches.shrink(&groups).into_iter().zip(&groups)) {
+            if group.area > 0.0 {
+                let row = &mut cast.seen.parts[way];
+                let light = |k: usize| Rgb::new(mean[3 * k], mean[3 * k + 1], mean[3 * k + 2]).map(|v| v.max(0.0));
+                (row.arriving, row.accepted, row.arriving_again) = (light(0), light(1), light(2));
+            }
+        }
+    }
+}
+
 /// How many times the rays that it had each group should have, so that there are about twice as many in all: in proportion to `spread`, the root
 /// of what a group adds to the square of the error. Powers of two, of which the most is [`MOST_TIMES`].
 fn more_rays(spread: &[f64]) -> Vec<u32> {
@@ -257,7 +334,7 @@ fn cast_group(
     let mut sums = [Walks::default(); 2];
     let mut entries: [Vec<(u32, Rgb)>; 2] = Default::default();
     let mut elsewhere = 0_u32;
-    let (mut light, mut squared) = (0.0, 0.0);
+    let (mut light, mut squared) = ([0.0; 2], [0.0; 2]);
     for k in 0..rays {
         let mut sampler = Sampler::new(seed, u64::from(tree.patch[first]), u64::from(k));
         let (on_patch, towards) = (sampler.next_2d(), sampler.next_2d());
@@ -300,13 +377,14 @@ fn cast_group(
         });
         elsewhere += u32::from(way == 0);
         let found = sums[way].add_light(&walk, || world.shading(&from).acceptance(direction)).mean();
-        light += found;
-        squared += found * found;
+        light[way] += found;
+        squared[way] += found * found;
     }
     let share = 1.0 / f64::from(rays);
-    cast.noise = (squared * share - (light * share).powi(2)).max(0.0) * share;
+    cast.noise = [0, 1].map(|way| (squared[way] * share - (light[way] * share).powi(2)).max(0.0) * share);
     let narrow = |v: Rgb| (v * share).to_array().map(|v| v as f32);
     cast.seen.elsewhere = f64::from(elsewhere) * share;
+    cast.seen.rays = rays;
     cast.seen.parts = sums.map(|s| s.row(rays));
     cast.entries = entries.map(|mut found| {
         found.sort_by_key(|e| e.0);
@@ -319,6 +397,32 @@ fn cast_group(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Two patches of one group, of areas 1 and 3, whose rays go elsewhere in this share: what their rows have left for it.
+    fn goes(elsewhere: f64, finds_light: bool, linked: [f64; 2]) -> [f64; 2] {
+        let seen = vec![Seen { elsewhere, rays: 512, ..Seen::default() }];
+        let beside = Beside { group: vec![0; 2], seen, finds_light, ..Beside::default() };
+        let target = beside.targets(&linked, &[1.0, 3.0]);
+        [1.0 - target[0], 1.0 - target[1]]
+    }
+
+    #[test]
+    fn what_one_ray_met_does_not_count_for_what_links_lack() {
+        let ray = 1.0 / 512.0;
+        assert!(goes(ray, true, [0.7, 0.9]).iter().all(|g| (g / ray - 1.0).abs() < 0.25), "{:?}", goes(ray, true, [0.7, 0.9]));
+        assert_eq!(goes(0.0, true, [0.7, 0.9]), [0.0; 2]);
+        // Nothing there that shines: links know better how open a row is.
+        assert!((goes(ray, false, [0.7, 0.9])[0] - 0.3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn where_much_goes_elsewhere_links_say_how_much_unless_rays_say_no() {
+        let [a, b] = goes(0.5, true, [0.4, 0.55]);
+        assert!((a - 0.6).abs() < 2e-3 && (b - 0.45).abs() < 2e-3, "{a} and {b}");
+        // A mean of 0.15 is 16 standard errors off: their ratio is kept, but for the hundredth that rays have a say in.
+        let [a, b] = goes(0.5, true, [0.8, 1.0 - 2.0 / 15.0]);
+        assert!((0.25 * a + 0.75 * b - 0.5).abs() < 1e-12 && (a / b - 1.5).abs() < 0.02, "{a} and {b}");
+    }
 
     #[test]
     fn groups_that_know_least_get_most_rays() {

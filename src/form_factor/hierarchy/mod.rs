@@ -8,6 +8,7 @@ mod beside;
 mod kernel;
 mod links;
 mod refine;
+mod shrink;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -238,7 +239,7 @@ impl Hierarchy {
     /// other one larger, and what is then missing, up to a half, stays with the patch itself: transport remains symmetric.
     fn close(&mut self) -> Outside {
         let raw = self.row_sums();
-        let target: Vec<f64> = raw.iter().enumerate().map(|(at, sum)| self.beside.target(at, *sum)).collect();
+        let target = self.beside.targets(&raw, &self.area);
         for _ in 0..CLOSING_SWEEPS {
             let sums = self.row_sums();
             let mut worst: f64 = 0.0;
