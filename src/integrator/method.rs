@@ -200,7 +200,7 @@ impl Method {
                 Unbiased,
                 false,
                 "walks from camera and lamps, vertices of one connected with well chosen ones of the other",
-                "Lafortune93, Veach97, Georgiev12, Popov15",
+                "Lafortune93, Veach97, Georgiev12, Popov15, Bekaert02",
             ),
             Method::PhotonMap => row(
                 "photon-map",

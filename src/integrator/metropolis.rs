@@ -13,7 +13,7 @@
 
 use super::bidirectional::shared::{Left, SHORTEST, Sharing};
 use super::bidirectional::subpath::{Carried, Met, Vertex, Walk};
-use super::bidirectional::{Bidirectional, Heuristic, Known, PassFound, Use, layer_of};
+use super::bidirectional::{Bidirectional, Heuristic, Known, PassFound, REVISION, Use, layer_of};
 use super::splat::Splats;
 use super::{Frame, Integrator, IntegratorSettings, encode_state};
 use crate::film::{PixelSample, Quantity};
@@ -201,7 +201,8 @@ impl<'a> Metropolis<'a> {
                 match met {
                     Met::Outside(direction, edge) => {
                         if of_lamp == 0 && edge.edges == wanted {
-                            add(layer_of(edge.scattered, edge.by_ideal), connector.met(direction, None, edge));
+                            let found = connector.met(direction, None, edge);
+                            add(layer_of(edge.scattered, edge.by_ideal), edge.before * found.light);
                         }
                     }
                     Met::Surface(vertex, shading, edge) => {
@@ -209,15 +210,18 @@ impl<'a> Metropolis<'a> {
                             return;
                         }
                         if of_lamp == 0 {
-                            add(layer_of(edge.scattered, edge.by_ideal), connector.met(-vertex.si.wo, Some(&vertex.si), edge));
+                            let found = connector.met(-vertex.si.wo, Some(&vertex.si), edge);
+                            add(layer_of(edge.scattered, edge.by_ideal), edge.before * found.light);
                         } else if shading.has_diffuse() || shading.has_glossy() {
                             if of_lamp == 1 {
-                                let light = connector.direct(vertex, shading, &mut rest, counts);
-                                add(layer_of(vertex.scattered + 1, false), light);
+                                let layer = layer_of(vertex.scattered + 1, false);
+                                connector.direct(vertex, shading, &mut rest, counts, |found| {
+                                    add(layer, vertex.before * found.light);
+                                });
                             }
                             for y in &lit {
                                 let layer = layer_of(vertex.scattered + y.scattered + 2, false);
-                                add(layer, connector.connect(vertex, y, counts));
+                                add(layer, vertex.before * connector.connect(vertex, y, counts).light);
                             }
                         }
                     }
@@ -349,13 +353,18 @@ impl Integrator for Metropolis<'_> {
     }
 
     fn state(&self) -> Vec<u8> {
-        encode_state(&(&self.sharing, &self.halves, self.bidirectional.known()))
+        encode_state(&(REVISION, &self.sharing, &self.halves, self.bidirectional.known()))
     }
 
     fn take_up(&mut self, state: &[u8]) -> bool {
-        let Ok((sharing, halves, known)) = postcard::from_bytes::<(Option<Sharing>, [Option<Half>; 2], Known)>(state) else {
+        let Ok((revision, sharing, halves, known)) =
+            postcard::from_bytes::<(u32, Option<Sharing>, [Option<Half>; 2], Known)>(state)
+        else {
             return false;
         };
+        if revision != REVISION {
+            return false;
+        }
         (self.sharing, self.halves) = (sharing, halves);
         self.bidirectional.take_up_known(known)
     }

@@ -197,7 +197,7 @@ pub enum PipelineError {
     #[error("the method {} reads its first pass in one way only, so there is no read-out to choose", .0.name())]
     OneReadOut(Method),
     /// The state of an unfinished run is not one of this method in this version.
-    #[error("the unfinished run holds no state of the method {}", .0.name())]
+    #[error("the unfinished run was begun by another version of the method {}: render anew without --resume", .0.name())]
     Unfinished(Method),
     /// Links between groups of patches hold no virtual rooms.
     #[error(

@@ -3,9 +3,11 @@
 use crate::support::{Room, furnace, quick, run};
 use glam::DVec3;
 use twopass::film::Quantity;
+use twopass::geometry::tessellate::Triangles;
 use twopass::integrator::{Method, PathFilter, ReadOut};
 use twopass::math::SamplerKind;
 use twopass::pipeline::{PipelineError, RenderSettings, StageCosts, render_world};
+use twopass::scene::SurfaceSource;
 
 fn settings(spp: u32) -> RenderSettings {
     RenderSettings { method: Method::Path, ..quick(spp, 1.0) }
@@ -98,6 +100,25 @@ fn paths_of_other_depths_are_not_lent() {
     room.quad(DVec3::new(-0.5, 0.9, -0.5), DVec3::X, DVec3::Z, light, 4.0);
     // The middle half of the picture's width: its rays meet this plane within 0.85 of the axis.
     room.quad(DVec3::new(-0.425, -0.89, -0.05), DVec3::Y * 1.78, DVec3::X * 0.85, mirror, 0.0);
+    same_by_both(&room, Some(3));
+}
+
+/// Paths are lent to those only who see the same normal: the floor's interpolated one leans to the lamp, and who looks from behind it sees
+/// the floor about its own. Half of a tile does.
+#[test]
+fn paths_from_uneven_normals_are_not_lent() {
+    let mut room = Room::new(DVec3::ZERO, DVec3::Y, 8);
+    let grey = room.grey(0.8);
+    room.quad(DVec3::new(-1.0, 1.0, -1.0), DVec3::X * 2.0, DVec3::Z * 2.0, grey, 0.0);
+    let corner = |x: f64, z: f64| DVec3::new(x, -0.3, z);
+    let floor = Triangles {
+        positions: vec![corner(-0.5, -0.5), corner(0.5, -0.5), corner(0.5, 0.5), corner(-0.5, 0.5)],
+        normals: vec![DVec3::new(0.95, 0.31, 0.0).normalize().as_vec3(); 4],
+        uvs: Vec::new(),
+        triangles: vec![[0, 2, 1], [0, 3, 2]],
+    };
+    room.add(SurfaceSource::Triangles(floor), grey, 0.0);
+    room.quad(DVec3::new(0.9, -0.25, -0.4), DVec3::Z * 0.8, DVec3::Y * 0.2, grey, 10.0);
     same_by_both(&room, Some(3));
 }
 

@@ -1,5 +1,6 @@
 //! Each method against sums that are known, in the light paths that it carries.
 
+mod lent;
 #[path = "../laws/support.rs"]
 #[expect(dead_code, reason = "shared with the other laws")]
 mod support;

@@ -1,6 +1,8 @@
 //! All ways to make a path of walks from both ends, each weighted against all others.
 
-use super::subpath::{CONNECTION_WORTH, Carried, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart};
+use super::subpath::{
+    CONNECTION_WORTH, Carried, LENDING_WORTH, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart,
+};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::integrator::Frame;
@@ -8,8 +10,9 @@ use crate::material::Scattering;
 use crate::math::{Rgb, Sampler, Vec3};
 use crate::scene::Sighting;
 use crate::world::walk::RayCounts;
-use crate::world::{Departures, Shading, ShadowRay, SurfaceInteraction, World};
+use crate::world::{All, Departures, Shading, ShadowRay, SurfaceInteraction, World};
 use serde::{Deserialize, Serialize};
+use std::cell::Cell;
 
 /// No path is longer, whatever the scene asks.
 const DEEPEST: u32 = 512;
@@ -47,6 +50,19 @@ impl Heuristic {
             Heuristic::Power => density * density,
         }
     }
+}
+
+/// What a way to make a path brings, with its weight.
+#[derive(Debug, Clone, Copy)]
+pub struct Found {
+    /// Radiance that leaves the second vertex of the camera's walk, or radiance at the camera where there is none.
+    pub light: Rgb,
+    /// Share of the sum over all ways that depends on how the walk came to its second vertex, in [0, 1].
+    pub lent: f64,
+}
+
+impl Found {
+    const NOTHING: Found = Found { light: Rgb::BLACK, lent: 0.0 };
 }
 
 /// All ways to make paths of a scene.
@@ -97,11 +113,11 @@ impl<'a> Connector<'a> {
             |_, _| {},
             |met, sampler, _| match met {
                 Met::Outside(direction, edge) => {
-                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += self.met(direction, None, edge);
+                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += edge.before * self.met(direction, None, edge).light;
                 }
                 Met::Surface(vertex, shading, edge) => {
                     let found = self.met(-vertex.si.wo, Some(&vertex.si), edge);
-                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += found;
+                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += edge.before * found.light;
                     if vertex.edges > 1 {
                         return;
                     }
@@ -109,7 +125,8 @@ impl<'a> Connector<'a> {
                     *sample.layer(Quantity::Normal) = Rgb::from(vertex.si.ns.to_array());
                     *sample.layer(Quantity::Albedo) += vertex.throughput * shading.diffuse_reflectance();
                     if limit > 1 && (shading.has_diffuse() || shading.has_glossy()) {
-                        *sample.layer(Quantity::Direct) += self.direct(vertex, shading, sampler, counts);
+                        let direct = sample.layer(Quantity::Direct);
+                        self.direct(vertex, shading, sampler, counts, |found| *direct += found.light);
                     }
                 }
             },
@@ -154,6 +171,11 @@ impl<'a> Connector<'a> {
         });
     }
 
+    /// Walks from the camera.
+    pub fn camera_walk(&self) -> Walk<'a> {
+        Walk { world: self.world, heuristic: self.heuristic, carried: Carried::Radiance }
+    }
+
     /// Start of a camera walk along `ray`.
     pub fn camera_start(&self, ray: Ray) -> Start {
         let density = self.world.scene().camera.density(ray.direction, self.width, self.height);
@@ -161,7 +183,7 @@ impl<'a> Connector<'a> {
     }
 
     /// s = 0: what the camera's walk meets, an emitter at `at` or the outside, with its weight.
-    pub fn met(&self, direction: Vec3, at: Option<&SurfaceInteraction>, edge: &LastEdge) -> Rgb {
+    pub fn met(&self, direction: Vec3, at: Option<&SurfaceInteraction>, edge: &LastEdge) -> Found {
         let scene = self.world.scene();
         let emitted = match at {
             Some(at) if at.front => scene.shapes[at.shape as usize].emitted(at.uv),
@@ -169,26 +191,37 @@ impl<'a> Connector<'a> {
             None => scene.escaped_radiance(direction),
         };
         if emitted.is_black() {
-            return Rgb::BLACK;
+            return Found::NOTHING;
         }
+        let all = Found { light: edge.throughput * emitted, lent: 0.0 };
         if edge.edges == 1 {
-            return edge.throughput * emitted;
+            return all;
         }
-        let Some(departures) = &self.departures else { return edge.throughput * emitted };
+        let Some(departures) = &self.departures else { return all };
         let mis = |x: f64| self.heuristic.of(x);
         let shadow = edge.origin.as_ref().map_or(0.0, |origin| self.world.shadow_density(origin, direction, at));
         let leaving = match at {
             Some(at) => departures.density_on(self.world, at),
             None => departures.density_from_outside(self.world, direction),
         };
-        edge.throughput * emitted / (1.0 + mis(shadow) * edge.d_vcm + mis(leaving) * edge.d_vc)
+        let ways = 1.0 + mis(shadow) * edge.d_vcm + mis(leaving) * edge.d_vc;
+        Found { light: all.light / ways, lent: mis(leaving) * edge.lent / ways }
     }
 
-    /// s = 1: light by shadow rays from a vertex of the camera's walk, with its weight.
-    pub fn direct(&self, vertex: &Vertex, shading: &Shading<'_>, sampler: &mut Sampler, counts: &mut RayCounts) -> Rgb {
-        let Some(departures) = &self.departures else { return Rgb::BLACK };
+    /// s = 1: light by shadow rays from a vertex of the camera's walk, each with its weight.
+    pub fn direct(
+        &self,
+        vertex: &Vertex,
+        shading: &Shading<'_>,
+        sampler: &mut Sampler,
+        counts: &mut RayCounts,
+        mut found: impl FnMut(Found),
+    ) {
+        let Some(departures) = &self.departures else { return };
         let si = &vertex.si;
         let mis = |x: f64| self.heuristic.of(x);
+        // Of the ray under way.
+        let lent = Cell::new(0.0);
         let respond = |ray: &ShadowRay| {
             let Scattered { response, forward, reverse } = vertex.scatter(self.world, Carried::Radiance, ray.direction);
             if response.is_black() {
@@ -197,24 +230,27 @@ impl<'a> Connector<'a> {
             let density = ray.comparable_density();
             let by_scattering = if ray.density.is_finite() { mis(forward / density) } else { 0.0 };
             let cos = f64::from(si.ng.dot(ray.direction).abs());
-            let leaving = departures.density_against(self.world, ray);
-            let by_light = mis(leaving * cos / density) * vertex.other_ways(self.heuristic, reverse);
-            Scattering { diffuse: response / (1.0 + by_scattering + by_light), glossy: Rgb::BLACK }
+            let leaving = mis(departures.density_against(self.world, ray) * cos / density);
+            let ways = 1.0 + by_scattering + leaving * vertex.other_ways(self.heuristic, reverse);
+            lent.set(leaving * vertex.lent_ways(self.heuristic, reverse) / ways);
+            Scattering { diffuse: response / ways, glossy: Rgb::BLACK }
         };
-        let found = self.world.direct(si, shading.receiver(), Shading::IN_PASSING, sampler, counts, respond).diffuse;
-        vertex.throughput * found
+        let (receiver, sampling) = (shading.receiver(), Shading::IN_PASSING);
+        self.world.direct_by_light::<All>(si, receiver, sampling, sampler, counts, respond, |_, light| {
+            found(Found { light: vertex.throughput * light.diffuse, lent: lent.get() });
+        });
     }
 
     /// s, t > 1: a vertex of the camera's walk connected with one of a light's, with its weight.
-    pub fn connect(&self, x: &Vertex, y: &Vertex, counts: &mut RayCounts) -> Rgb {
+    pub fn connect(&self, x: &Vertex, y: &Vertex, counts: &mut RayCounts) -> Found {
         self.connect_by_chance(x, y, (0.0, 0.0), counts).0
     }
 
     /// As [`Self::connect`], but where nothing in between would bring less than `least`, in luminance, its shadow ray is sent with a probability
     /// in proportion only (`u`, uniform in [0, 1), decides): Russian roulette on what is not worth a ray. The light, and how many times it
     /// counts.
-    pub fn connect_by_chance(&self, x: &Vertex, y: &Vertex, (least, u): (f64, f64), counts: &mut RayCounts) -> (Rgb, f64) {
-        let nothing = (Rgb::BLACK, 1.0);
+    pub fn connect_by_chance(&self, x: &Vertex, y: &Vertex, (least, u): (f64, f64), counts: &mut RayCounts) -> (Found, f64) {
+        let nothing = (Found::NOTHING, 1.0);
         let to = (y.si.point - x.si.point).as_dvec3();
         let d2 = to.length_squared();
         if d2 <= 0.0 {
@@ -233,17 +269,20 @@ impl<'a> Connector<'a> {
         let mis = |v: f64| self.heuristic.of(v);
         let cos_x = f64::from(x.si.ng.dot(direction).abs());
         let cos_y = f64::from(y.si.ng.dot(direction).abs());
-        let by_camera = mis(at_x.forward * cos_y / (d2 * CONNECTION_WORTH)) * y.other_ways(self.heuristic, at_y.reverse);
+        let worth = if x.edges == 1 { mis(LENDING_WORTH) } else { 1.0 };
+        let by_camera = worth * mis(at_x.forward * cos_y / (d2 * CONNECTION_WORTH)) * y.other_ways(self.heuristic, at_y.reverse);
         let by_light = mis(at_y.forward * cos_x / (d2 * CONNECTION_WORTH)) * x.other_ways(self.heuristic, at_x.reverse);
-        let weighted = carried / (1.0 + by_camera + by_light);
-        let chance = weighted.luminance() / least;
+        let ways = 1.0 + by_camera + by_light;
+        let weighted = carried / ways;
+        let chance = (x.before * weighted).luminance() / least;
         let sent = if chance < 1.0 { chance.max(LEAST_CHANCE) } else { 1.0 };
         if u >= sent {
             return nothing;
         }
         counts.shadow += 1;
         let visible = self.world.transmittance(&x.si.spawn_to(y.si.moved_towards(-direction)));
-        (weighted * visible, 1.0 / sent)
+        let before = mis(at_y.forward * cos_x / (d2 * CONNECTION_WORTH)) * x.lent_ways(self.heuristic, at_x.reverse);
+        (Found { light: weighted * visible, lent: before / ways }, 1.0 / sent)
     }
 
     /// t = 1 before weights and visibility: where the camera sees a vertex of a light's walk, the light that it sees times the number of
@@ -261,7 +300,7 @@ impl<'a> Connector<'a> {
         let mis = |v: f64| self.heuristic.of(v);
         let cos = f64::from(y.si.ng.dot(sighting.direction).abs());
         let by_camera = mis(sighting.importance * cos / (sighting.distance_squared * self.light_walks))
-            * y.other_ways(self.heuristic, reverse);
+            * y.ways_of_camera(self.heuristic, reverse);
         let found = carried * self.visible(y, counts) / (1.0 + by_camera);
         (!found.is_black()).then_some((sighting, found))
     }

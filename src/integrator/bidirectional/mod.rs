@@ -4,13 +4,16 @@
 //! A path of s vertices from a light and t from the camera, the camera's own among them, is made in five ways: the camera's walk
 //! meets a light (s = 0), a shadow ray (s = 1), a connection (s, t > 1), and the light's walk seen by the camera (t = 1). What is
 //! left out is a lamp seen at once as s = t = 1, which s = 0 finds as well.
+//!
+//! Neighbouring pixels lend each other what their walks find from the second vertex on ([`lent`]).
 
 mod connector;
+pub mod lent;
 pub mod light_vertices;
 pub mod shared;
 pub mod subpath;
 
-pub use connector::{Connector, Heuristic, layer_of};
+pub use connector::{Connector, Found, Heuristic, layer_of};
 
 use super::splat::Splats;
 use super::{Frame, Integrator, IntegratorSettings, camera_start, encode_state};
@@ -18,19 +21,22 @@ use crate::film::{PixelSample, Quantity};
 use crate::math::{Rgb, Sampler, Vec2, sampler::mix};
 use crate::world::World;
 use crate::world::walk::RayCounts;
+use lent::{First, Lent};
 use light_vertices::{Learnt, LightVertices, Outcome};
 use rayon::prelude::*;
 use shared::{Sharing, Ways};
-use subpath::{Carried, Met, Vertex, Walk};
+use subpath::{Met, Vertex};
 
-/// Vertices of light walks that a camera's vertex is connected with.
-const PICKS: u32 = 4;
+/// Vertices of light walks that a camera's vertex is connected with: the first, which sees for its own pixel alone, and later ones.
+const PICKS: [u32; 2] = [8, 4];
 /// What would bring less than this share of the picture's mean is asked for by chance.
 const FAINT: f64 = 0.1;
 /// Pixels whose light walks are kept at a time: some 200 bytes a vertex.
 const BAND: usize = 1 << 17;
 /// Picks have random numbers of their own.
 const PICK_STREAM: u64 = 0x91_c4e5;
+/// Counts changes of what the passes of a run have in common, weights above all: a run that older ones began is not gone on with.
+pub const REVISION: u32 = 2;
 /// Walks from the lights have random numbers of their own.
 const LIGHT_STREAM: u64 = 0x11_6487;
 
@@ -72,7 +78,7 @@ pub enum Use<'a> {
 }
 
 /// Light that is found, less what is left to others.
-struct Keeper<'a> {
+pub struct Keeper<'a> {
     sharing: Option<&'a Sharing>,
     left: f64,
     ways: Option<Ways>,
@@ -144,18 +150,26 @@ impl<'a> Bidirectional<'a> {
         });
     }
 
-    /// One camera walk.
-    fn sample(&self, start: super::Start, band: &Band<'_>, row: &mut CameraRow, keeper: &mut Keeper<'_>) -> PixelSample {
-        let CameraRow { outcomes, counts } = row;
+    /// One camera walk, of pixel `pixel` of its tile; what others may use is put aside.
+    fn sample(
+        &self,
+        start: super::Start,
+        pixel: usize,
+        band: &Band<'_>,
+        row: &mut CameraRow,
+        keeper: &mut Keeper<'_>,
+    ) -> PixelSample {
+        let CameraRow { outcomes, counts, lent } = row;
         let at = start.film_point;
         let connector = &self.connector;
         let mut sample = PixelSample::default();
-        let walk = Walk { world: connector.world, heuristic: connector.heuristic, carried: Carried::Radiance };
         let mut sampler = start.sampler;
         let mut random = mix(start.seed ^ PICK_STREAM ^ mix(start.key ^ mix(start.index)));
         let limit = connector.limit;
         let begin = connector.camera_start(start.ray);
-        walk.go(
+        // Of the walk: whether others may lend to its first surface, and whether they may use what it finds.
+        let (mut borrows, mut lends) = (false, false);
+        connector.camera_walk().go(
             begin,
             limit,
             &mut sampler,
@@ -163,37 +177,65 @@ impl<'a> Bidirectional<'a> {
             |_, _| {},
             |met, sampler, counts| match met {
                 Met::Outside(direction, edge) => {
-                    let found = keeper.keep(at, (edge.edges, 0), connector.met(direction, None, edge), 1.0);
-                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += found;
+                    let (way, found) = ((edge.edges, 0), connector.met(direction, None, edge));
+                    match lent.second() {
+                        Some(second) if lends => second.add(way, found, 1.0),
+                        _ => {
+                            *sample.layer(layer_of(edge.scattered, edge.by_ideal)) +=
+                                keeper.keep(at, way, edge.before * found.light, 1.0)
+                        }
+                    }
                 }
                 Met::Surface(vertex, shading, edge) => {
                     if vertex.edges == 1 {
                         *sample.layer(Quantity::Depth) = Rgb::grey(f64::from(vertex.si.t));
                         *sample.layer(Quantity::Normal) = Rgb::from(vertex.si.ns.to_array());
                     }
-                    let found = keeper.keep(at, (edge.edges, 0), connector.met(-vertex.si.wo, Some(&vertex.si), edge), 1.0);
-                    *sample.layer(layer_of(edge.scattered, edge.by_ideal)) += found;
+                    let (way, found) = ((edge.edges, 0), connector.met(-vertex.si.wo, Some(&vertex.si), edge));
+                    match lent.second() {
+                        Some(second) if lends => second.add(way, found, 1.0),
+                        _ => {
+                            *sample.layer(layer_of(edge.scattered, edge.by_ideal)) +=
+                                keeper.keep(at, way, edge.before * found.light, 1.0)
+                        }
+                    }
                     if vertex.scattered == 0 {
-                        *sample.layer(Quantity::Albedo) += vertex.throughput * shading.diffuse_reflectance();
+                        *sample.layer(Quantity::Albedo) += vertex.before * vertex.throughput * shading.diffuse_reflectance();
                     }
                     if !(shading.has_diffuse() || shading.has_glossy()) || vertex.edges >= limit {
                         return;
                     }
-                    let found = keeper.keep(at, (vertex.edges + 1, 1), connector.direct(vertex, shading, sampler, counts), 1.0);
-                    *sample.layer(layer_of(vertex.scattered + 1, false)) += found;
+                    match (vertex.edges, &edge.origin) {
+                        // Light goes to and fro on one side, and nothing passes straight: a walk that is here draws what comes next here.
+                        (1, _) if shading.receiver().is_some() => {
+                            borrows = true;
+                            lent.begin(First { pixel, film_point: at, vertex: *vertex });
+                        }
+                        (2, Some(origin)) if borrows && !edge.passed => lends = lent.go_on(vertex, origin.density),
+                        _ => {}
+                    }
+                    let mut second = if lends { lent.second() } else { None };
+                    let mut keep = |way, layer, found: Found, times: f64| match &mut second {
+                        Some(second) => second.add(way, found, times),
+                        None => *sample.layer(layer) += keeper.keep(at, way, vertex.before * found.light, times),
+                    };
+                    connector.direct(vertex, shading, sampler, counts, |found| {
+                        keep((vertex.edges + 1, 1), layer_of(vertex.scattered + 1, false), found, 1.0);
+                    });
                     let per_throughput = 1.0 / vertex.throughput.luminance().max(f64::MIN_POSITIVE);
-                    for _ in 0..PICKS {
+                    let picks = PICKS[usize::from(vertex.edges > 1)];
+                    for _ in 0..picks {
                         random = random.wrapping_add(1);
-                        let Some(pick) = band.light.pick(vertex.si.point, PICKS, random) else { continue };
+                        let Some(pick) = band.light.pick(vertex.si.point, picks, random) else { continue };
                         let y = pick.vertex;
                         if vertex.edges + y.edges >= limit {
                             continue;
                         }
                         let u = (mix(random ^ PICK_STREAM) >> 32) as f64 / f64::from(1 << 16) / f64::from(1 << 16);
                         let (found, times) = connector.connect_by_chance(vertex, y, (band.least / pick.weight, u), counts);
-                        outcomes.push((pick.pair, (found.luminance() * times * per_throughput) as f32));
-                        *sample.layer(layer_of(vertex.scattered + y.scattered + 2, false)) +=
-                            keeper.keep(at, (vertex.edges + y.edges + 1, y.edges + 1), found, times * pick.weight);
+                        outcomes.push((pick.pair, (found.light.luminance() * times * per_throughput) as f32));
+                        let way = (vertex.edges + y.edges + 1, y.edges + 1);
+                        keep(way, layer_of(vertex.scattered + y.scattered + 2, false), found, times * pick.weight);
                     }
                 }
             },
@@ -209,11 +251,12 @@ struct LightRow<'a> {
     counts: RayCounts,
 }
 
-/// What the camera walks of a row tell besides their samples.
+/// What the camera walks of a row of tiles tell besides their samples.
 #[derive(Default)]
 struct CameraRow {
     outcomes: Vec<Outcome>,
     counts: RayCounts,
+    lent: Lent,
 }
 
 impl Bidirectional<'_> {
@@ -226,7 +269,7 @@ impl Bidirectional<'_> {
     pub fn find(&mut self, frame: &Frame, index: u32, used: Use<'_>) -> PassFound {
         self.connector.set_frame(frame);
         let [_, _, width, height] = frame.crop;
-        let in_band = (BAND / width.max(1)).max(1);
+        let in_band = (BAND / width.max(1)).max(1).next_multiple_of(lent::ROWS);
         let (mut samples, mut counts) = (Vec::with_capacity(frame.n_pixels()), RayCounts::default());
         let mut all_splats = Vec::with_capacity(height);
         let mut keeper = Keeper::new(used);
@@ -255,16 +298,26 @@ impl Bidirectional<'_> {
                 mix(PICK_STREAM ^ mix(u64::from(index) << 32 | first as u64) ^ self.settings.seed),
             );
             let band = Band { light: &light, least };
-            let camera_row = |y: usize| {
+            let tiles = |y0: usize| {
                 let (mut row, mut keeper) = (CameraRow::default(), Keeper::new(used));
-                let one = |x: usize| {
-                    row.counts.camera += 1;
-                    self.sample(start(y, x), &band, &mut row, &mut keeper)
-                };
-                let samples: Vec<PixelSample> = (0..width).map(one).collect();
+                let lines = lent::ROWS.min(rows.end - y0);
+                let mut samples = vec![PixelSample::default(); lines * width];
+                for x0 in (0..width).step_by(lent::COLUMNS) {
+                    let columns = lent::COLUMNS.min(width - x0);
+                    let mut of_tile = [PixelSample::default(); lent::PIXELS];
+                    for (k, sample) in of_tile.iter_mut().enumerate().take(columns * lines) {
+                        row.counts.camera += 1;
+                        *sample = self.sample(start(y0 + k / columns, x0 + k % columns), k, &band, &mut row, &mut keeper);
+                    }
+                    row.lent.lend(&self.connector, &mut row.counts, &mut keeper, &mut of_tile);
+                    for (k, sample) in of_tile.into_iter().enumerate().take(columns * lines) {
+                        samples[k / columns * width + x0 + k % columns] = sample;
+                    }
+                }
                 (samples, row, keeper)
             };
-            let seen: Vec<(Vec<PixelSample>, CameraRow, Keeper<'_>)> = rows.into_par_iter().map(camera_row).collect();
+            let starts: Vec<usize> = rows.clone().step_by(lent::ROWS).collect();
+            let seen: Vec<(Vec<PixelSample>, CameraRow, Keeper<'_>)> = starts.into_par_iter().map(tiles).collect();
             for (found, row, of_row) in seen {
                 samples.extend(found);
                 self.learnt.add(&row.outcomes);
@@ -309,10 +362,11 @@ impl Integrator for Bidirectional<'_> {
     }
 
     fn state(&self) -> Vec<u8> {
-        encode_state(&self.known())
+        encode_state(&(REVISION, self.known()))
     }
 
     fn take_up(&mut self, state: &[u8]) -> bool {
-        postcard::from_bytes(state).is_ok_and(|known| self.take_up_known(known))
+        postcard::from_bytes::<(u32, Known)>(state)
+            .is_ok_and(|(revision, known)| revision == REVISION && self.take_up_known(known))
     }
 }

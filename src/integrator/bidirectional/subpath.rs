@@ -14,7 +14,7 @@ use std::f64::consts::FRAC_1_PI;
 
 /// From this many edges on a walk from the camera or from a lamp goes on with a probability equal to its throughput.
 const ROULETTE_DEPTH: [u32; 2] = [5, 2];
-/// ... or, from the camera, with this many times its throughput, as in path tracing: what deep vertices are connected with is much of the
+/// ... or, from the camera, with this many times its throughput since the second vertex, whichever pixel the light counts for, as in path tracing: what deep vertices are connected with is much of the
 /// light behind a door, and few heavy walks that get there are noise.
 const SURVIVAL: [f64; 2] = [2.0, 1.0];
 /// No walk goes on with a higher probability.
@@ -22,6 +22,8 @@ const MOST_SURVIVAL: f64 = 0.95;
 /// A connection counts as so many in the weights: it is the mean of several well chosen ones, with less noise than other ways of the same
 /// density.
 pub const CONNECTION_WORTH: f64 = 3.0;
+/// A way counts as so many in the weights if a camera's walk has a second vertex that is no lamp, since neighbours lend what they find.
+pub const LENDING_WORTH: f64 = 4.0;
 /// Cosines are taken to be no smaller: densities stay finite.
 const LEAST_COSINE: f64 = 1e-9;
 /// Straight passages between two vertices, at most.
@@ -41,13 +43,18 @@ pub enum Carried {
 pub struct Vertex {
     /// The point, seen from the vertex before it.
     pub si: SurfaceInteraction,
-    /// From the camera: radiance there over radiance that leaves here. From a lamp: power on arrival over the arriving ray's geometric
-    /// cosine, which [`Vertex::scatter`] takes up.
+    /// From the camera: radiance that leaves the second vertex over radiance that leaves here, or at the first vertex radiance at the camera
+    /// over radiance that leaves. From a lamp: power on arrival over the arriving ray's geometric cosine, which [`Vertex::scatter`]
+    /// takes up.
     pub throughput: Rgb,
+    /// From the camera: radiance there over radiance that leaves the second vertex, white at the first. From a lamp: white.
+    pub before: Rgb,
     /// Recursive sums: the way that would connect here, and all ways beyond.
     pub d_vcm: f64,
     /// See `d_vcm`.
     pub d_vc: f64,
+    /// What of `d_vcm` and `d_vc` is of ways that depend on how a camera's walk came to its second vertex.
+    pub lent: [f64; 2],
     /// Edges from the start.
     pub edges: u32,
     /// Vertices before this one that were not ideal.
@@ -80,6 +87,46 @@ impl Vertex {
         // The first edge is no connection: it stands for a shadow ray, or for a lamp's walk that the camera sees.
         let connecting = if self.edges > 1 { heuristic.of(CONNECTION_WORTH) } else { 1.0 };
         self.d_vcm * connecting + self.d_vc * heuristic.of(reverse)
+    }
+
+    /// As [`Self::other_ways`], of a light's walk that the camera sees here.
+    #[inline]
+    pub fn ways_of_camera(&self, heuristic: Heuristic, reverse: f64) -> f64 {
+        if self.edges == 1 {
+            return self.other_ways(heuristic, reverse);
+        }
+        self.d_vcm * heuristic.of(CONNECTION_WORTH) + self.d_vc * heuristic.of(reverse * LENDING_WORTH)
+    }
+
+    /// What of [`Self::other_ways`] is in proportion to the ways that a camera's walk has before its second vertex.
+    #[inline]
+    pub fn lent_ways(&self, heuristic: Heuristic, reverse: f64) -> f64 {
+        self.lent[0] * heuristic.of(CONNECTION_WORTH) + self.lent[1] * heuristic.of(reverse)
+    }
+
+    /// What the walk does here, seen as the first vertex of a camera's walk that has its second at `second`, a plain surface that is seen
+    /// from here along the unit vector -`back` at `d2` [m²]; and the ways before the second vertex, as [`Self::other_ways`] of that has
+    /// them.
+    pub fn as_first(&self, walk: &Walk<'_>, second: &Vertex, (back, d2): (Vec3, f64)) -> (Scattered, f64) {
+        let scattered = self.scatter(walk.world, Carried::Radiance, -back);
+        let mis = |x: f64| walk.heuristic.of(x);
+        let cos_out = f64::from(self.si.ng.dot(back).abs());
+        let cos_in = f64::from(second.si.ng.dot(back).abs()).max(LEAST_COSINE);
+        let d_vcm = mis(d2 / (scattered.forward * cos_in));
+        let d_vc = mis(cos_out / (scattered.forward * cos_in)) * self.other_ways(walk.heuristic, scattered.reverse);
+        let ways = d_vcm * mis(CONNECTION_WORTH) + d_vc * mis(second.reverse(back));
+        (scattered, ways / mis(LENDING_WORTH))
+    }
+
+    /// Density of the way back from a plain surface along the unit vector `back`, about its interpolated normal [1/sr].
+    #[inline]
+    pub fn reverse(&self, back: Vec3) -> f64 {
+        f64::from(self.si.ns.dot(back)).max(0.0) * FRAC_1_PI
+    }
+
+    /// Reflectance, if this is a plain Lambertian surface.
+    pub fn plain(&self) -> Option<Rgb> {
+        self.plain
     }
 
     /// The vertex's part in a path that goes on along the unit vector `toward`.
@@ -129,8 +176,14 @@ pub struct LastEdge {
     pub edges: u32,
     /// Vertices that were not ideal.
     pub scattered: u32,
-    /// Radiance at the camera over radiance along the edge.
+    /// Radiance at the second vertex over radiance along the edge, or of the first two edges radiance at their start.
     pub throughput: Rgb,
+    /// Radiance at the camera over radiance that leaves the second vertex; white on the first edge.
+    pub before: Rgb,
+    /// As [`Vertex::lent`], of `d_vc`.
+    pub lent: f64,
+    /// True if it passed straight through something.
+    pub passed: bool,
     /// True if an ideal event was its start.
     pub by_ideal: bool,
 }
@@ -187,6 +240,9 @@ impl Walk<'_> {
             edges: 1,
             scattered: 0,
             throughput: start.throughput,
+            before: Rgb::WHITE,
+            lent: 0.0,
+            passed: false,
             by_ideal: false,
         };
         let mut began_ideal = false;
@@ -205,8 +261,10 @@ impl Walk<'_> {
             let mut vertex = Vertex {
                 si,
                 throughput: edge.throughput,
+                before: edge.before,
                 d_vcm: edge.d_vcm * mis(d2) / mis(cos_in),
                 d_vc: edge.d_vc / mis(cos_in),
+                lent: [0.0, edge.lent / mis(cos_in)],
                 edges: edge.edges,
                 scattered: edge.scattered,
                 by_ideal: edge.by_ideal,
@@ -215,6 +273,11 @@ impl Walk<'_> {
             };
             if self.carried == Carried::Light && edge.edges == 1 {
                 begin(&mut vertex, &shading);
+            }
+            if edge.edges == 2 && self.carried == Carried::Radiance {
+                vertex.d_vcm /= mis(LENDING_WORTH);
+                vertex.d_vc /= mis(LENDING_WORTH);
+                vertex.lent = [vertex.d_vcm, vertex.d_vc];
             }
             visit(Met::Surface(&vertex, &shading, &edge), sampler, counts);
 
@@ -229,6 +292,7 @@ impl Walk<'_> {
                     return;
                 }
                 edge.throughput = throughput * next.weight;
+                edge.passed = true;
                 ray = si.spawn(next.direction);
                 continue;
             }
@@ -248,6 +312,7 @@ impl Walk<'_> {
                     throughput *= next.weight * factor;
                     edge.d_vcm = 0.0;
                     edge.d_vc = vertex.d_vc * mis(cos_out);
+                    edge.lent = vertex.lent[1] * mis(cos_out);
                     edge.origin = None;
                     began_ideal |= edge.edges == 1;
                 }
@@ -258,6 +323,7 @@ impl Walk<'_> {
                         Carried::Light => scattered.response / density,
                     };
                     edge.d_vc = mis(cos_out / density) * vertex.other_ways(self.heuristic, scattered.reverse);
+                    edge.lent = mis(cos_out / density) * vertex.lent_ways(self.heuristic, scattered.reverse);
                     edge.d_vcm = mis(1.0 / density);
                     edge.scattered += 1;
                     let sampling = Shading::IN_PASSING;
@@ -267,7 +333,11 @@ impl Walk<'_> {
             eta *= next.eta;
             edge.by_ideal = next.density.is_none();
             edge.edges += 1;
+            edge.passed = false;
             edge.throughput = throughput;
+            if edge.edges == 2 && self.carried == Carried::Radiance {
+                (edge.before, edge.throughput) = (throughput, Rgb::WHITE);
+            }
             if throughput.is_black() || !throughput.is_finite() {
                 return;
             }
@@ -288,7 +358,7 @@ impl Walk<'_> {
             ray = si.spawn(next.direction);
         }
         if self.carried == Carried::Radiance {
-            counts.truncate(edge.throughput);
+            counts.truncate(edge.before * edge.throughput);
         }
     }
 }
@@ -336,8 +406,18 @@ pub(super) mod tests {
             t: 0.0,
             end: 0.0,
         };
-        let throughput = Rgb::WHITE;
-        let plain = None;
-        Vertex { si, throughput, d_vcm: 0.0, d_vc: 0.0, edges: 1, scattered: 0, by_ideal: false, began_ideal: false, plain }
+        Vertex {
+            si,
+            throughput: Rgb::WHITE,
+            before: Rgb::WHITE,
+            d_vcm: 0.0,
+            d_vc: 0.0,
+            lent: [0.0; 2],
+            edges: 1,
+            scattered: 0,
+            by_ideal: false,
+            began_ideal: false,
+            plain: None,
+        }
     }
 }

@@ -174,3 +174,76 @@ pub(super) fn even([u, _, _]: [f32; 3]) -> f32 {
 pub(super) fn as_cone([a, b, c]: [f32; 3]) -> f32 {
     a.max(b).min(a.min(b).max(c))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::AccelKind;
+    use crate::geometry::tessellate;
+    use crate::material::{Material, MaterialId, Surface, Texture};
+    use crate::math::{DAffine3, DMat3, DVec2, DVec3, Rgb};
+    use crate::scene::camera::FovAxis;
+    use crate::scene::{Camera, FilmSettings, Scene, SceneSource, ShapeSource, SurfaceSource};
+
+    /// A floor, and a fence on it that begins at the origin and goes on beyond every disk.
+    fn fenced() -> World {
+        let camera = Camera {
+            to_scene: DAffine3::IDENTITY,
+            tan_half_fov: 1.0,
+            fov_axis: FovAxis::X,
+            principal_point: DVec2::ZERO,
+            near_clip: 1e-4,
+            far_clip: 1e7,
+        };
+        let quad = |id: &str, middle: DVec3, e1: DVec3, e2: DVec3| {
+            let to_world = DAffine3 { matrix3: DMat3::from_cols(e1, e2, e1.cross(e2).normalize()), translation: middle };
+            let surface = SurfaceSource::Triangles(tessellate::rectangle(&to_world));
+            ShapeSource { id: id.to_owned(), surface, material: MaterialId(0), emission: Texture::Constant(Rgb::BLACK) }
+        };
+        let source = SceneSource {
+            name: "test".to_owned(),
+            camera,
+            film: FilmSettings { width: 8, height: 8, sample_count: 1, max_depth: None },
+            shapes: vec![
+                quad("floor", DVec3::ZERO, DVec3::X * 4.0, DVec3::Y * 4.0),
+                quad("fence", DVec3::X * 2.0, DVec3::X * 2.0, DVec3::Z),
+            ],
+            materials: vec![Surface {
+                name: "test".to_owned(),
+                material: Material::Diffuse { reflectance: Texture::Constant(Rgb::WHITE) },
+                two_sided: true,
+                relief: None,
+            }],
+            lights: Vec::new(),
+            environment: None,
+            warnings: Vec::new(),
+        };
+        World::new(Scene::new(source).expect("a valid scene"), AccelKind::default()).expect("a world")
+    }
+
+    /// What an outlook holds is seen, also where a fence comes in between two looks; and it holds most of what is seen.
+    #[test]
+    fn an_outlook_holds_what_is_seen() {
+        let world = fenced();
+        let number = |k: u64| (mix(k) >> 40) as f32 * 2.0_f32.powi(-24);
+        let radius = 0.5;
+        let (mut held, mut seen, mut between) = (0, 0, 0);
+        for i in 0..400 {
+            let point = Vec3::new(0.3 * number(3 * i) - 0.4, 0.3 * number(3 * i + 1) - 0.15, 0.0);
+            let face = Face { world: &world, at: (point, Vec3::Z), height: 0.1, least_cosine: 0.9 };
+            let outlook = face.outlook(radius);
+            between += i32::from(outlook.lengths.iter().all(|&l| l == SPOKE * radius) && outlook.is_clear.contains(&false));
+            for k in 0..100 {
+                let (sin, cos) = (TAU * number(1_000_000 + 2 * (100 * i + k))).sin_cos();
+                let way = radius * number(1_000_001 + 2 * (100 * i + k)).sqrt();
+                let other = point + Vec3::new(way * cos, way * sin, 0.0);
+                let (holds, sees) = (outlook.holds(face.at, other), face.sees((other, Vec3::Z), radius));
+                assert!(sees || !holds, "{other} is hidden from {point}");
+                held += i32::from(holds);
+                seen += i32::from(sees);
+            }
+        }
+        assert!(held * 10 > seen * 8 && seen < 39_800, "{held} of {seen} held");
+        assert!(between > 0, "the fence comes in between two looks {between} times");
+    }
+}
