@@ -86,11 +86,10 @@ impl Branches {
                 continue;
             }
             let kept = kept_share(a.level - b.level, a.variance + b.variance);
-            for k in 0..N {
-                let apart = (a.mean[k] - b.mean[k]) * kept / area;
-                drawn[first][k] = drawn[at][k] + b.area * apart;
-                drawn[second][k] = drawn[at][k] - a.area * apart;
-            }
+            let whole = drawn[at];
+            let apart: [f64; N] = std::array::from_fn(|k| (a.mean[k] - b.mean[k]) * kept / area);
+            drawn[first] = std::array::from_fn(|k| whole[k] + b.area * apart[k]);
+            drawn[second] = std::array::from_fn(|k| whole[k] - a.area * apart[k]);
         }
         let is_group = |(at, mean): (usize, [f64; N])| self.below[at].is_none().then_some(mean);
         drawn.into_iter().enumerate().filter_map(is_group).collect()
