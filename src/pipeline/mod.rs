@@ -6,7 +6,6 @@ pub mod checkpoint;
 pub mod cost;
 pub mod direct;
 pub mod form_factor_table;
-mod groups;
 pub mod keys;
 mod lit_gltf;
 pub mod pass_one;
