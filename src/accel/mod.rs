@@ -38,6 +38,12 @@ pub trait Accel: Send + Sync {
     /// True if anything lies in (`t_min`, `t_max`).
     fn occluded(&self, ray: &Ray) -> bool;
 
+    /// The same as [`occluded`](Self::occluded), where `known` keeps what it takes to answer faster for the rays to come, if they are like this one.
+    fn occluded_as_known(&self, ray: &Ray, known: &mut KnownOccluders) -> bool {
+        let _ = known;
+        self.occluded(ray)
+    }
+
     /// The nearest hits of many rays, each the same as by [`intersect`](Self::intersect).
     ///
     /// Worth while where neighbours in `rays` are alike: camera rays of one tile, shadow rays from or to one place.
@@ -60,6 +66,37 @@ pub trait Accel: Send + Sync {
 
     /// Memory that the engine holds beside the [`Soup`], in bytes.
     fn memory_bytes(&self) -> usize;
+}
+
+/// Where in an engine the last rays that were hidden met something: what hides one ray often hides the next [Haines86].
+#[derive(Debug, Clone, Copy, Default)]
+pub struct KnownOccluders {
+    /// In the engine's own terms, the last one first.
+    places: [u32; KNOWN],
+    len: usize,
+}
+
+/// Places that are known at a time: each costs a ray as much as a leaf of the tree does.
+const KNOWN: usize = 2;
+
+impl KnownOccluders {
+    /// True if `hides` holds at one of the places, which is then the first.
+    #[inline]
+    fn any(&mut self, hides: impl FnMut(&u32) -> bool) -> bool {
+        let found = self.places[..self.len].iter().position(hides);
+        if let Some(at) = found {
+            self.places[..=at].rotate_right(1);
+        }
+        found.is_some()
+    }
+
+    /// A place more, instead of the one that was of no use for longest.
+    #[inline]
+    fn add(&mut self, place: u32) {
+        self.len = (self.len + 1).min(KNOWN);
+        self.places[..self.len].rotate_right(1);
+        self.places[0] = place;
+    }
 }
 
 /// The engines.

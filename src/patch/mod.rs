@@ -382,6 +382,22 @@ impl PatchMesh {
         self.patch_of(si.primitive, si.place, si.front)
     }
 
+    /// True if a surface point belongs to a patch, or to a sliver on a triangle of patches: less than finding which.
+    #[inline]
+    pub fn has_patch_at(&self, si: &SurfaceInteraction) -> bool {
+        let any = match self.lookups[si.primitive as usize] {
+            Lookup::None => return false,
+            Lookup::Whole(element) | Lookup::Grid { first: element, .. } => element,
+            Lookup::Split { tree } => self.tree_elements[self.trees[tree as usize].base as usize],
+        };
+        // All of a triangle has patches on the same sides, but for what has no area.
+        let element = &self.elements[any as usize];
+        match (element.front, element.back) {
+            (None, _) => self.patch_at(si).is_some(),
+            (_, back) => si.front || back.is_some(),
+        }
+    }
+
     /// The same by primitive, place on it, and side.
     #[inline]
     fn patch_of(&self, primitive: u32, place: (f64, f64), front: bool) -> Option<PatchId> {

@@ -24,7 +24,7 @@ pub use shading::Shading;
 pub use sight::Sight;
 pub use stages::{All, Stages};
 
-use crate::accel::{self, Accel, AccelError, AccelKind};
+use crate::accel::{self, Accel, AccelError, AccelKind, KnownOccluders};
 use crate::geometry::soup::Primitive;
 use crate::geometry::{Bounds, Hit, Ray, Soup, triangle};
 use crate::light::LightTree;
@@ -271,6 +271,12 @@ impl World {
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
         self.accel.occluded(ray)
+    }
+
+    /// The same for rays that are much alike, one after the other.
+    #[inline]
+    pub fn occluded_as_known(&self, ray: &Ray, known: &mut KnownOccluders) -> bool {
+        self.accel.occluded_as_known(ray, known)
     }
 
     /// The surface at a hit, found again from ray and primitive alone, so that every engine gives the same.

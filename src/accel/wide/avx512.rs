@@ -5,10 +5,11 @@
 use std::arch::x86_64::*;
 
 use super::avx2::{self, BoxRay};
-use super::kernel::{Distances, Lanes, Parameters, traverse};
+use super::kernel::{Distances, Lanes, Parameters, is_hidden, traverse};
 use super::layout::{Child, Node, Packet};
 use super::packet::{self, RayVector, Row};
 use super::{Operations, Wide};
+use crate::accel::KnownOccluders;
 use crate::accel::query::{BOX_SLACK, Query};
 use crate::geometry::{Hit, Ray};
 
@@ -31,6 +32,14 @@ pub fn any(wide: &Wide, ray: &Ray) -> bool {
     debug_assert!(wide.operations == Operations::Avx512);
     // SAFETY: as in `nearest`.
     unsafe { any_avx512(wide, ray) }
+}
+
+/// Whether there is a hit, those leaves first where hits are known.
+#[inline]
+pub fn any_as_known(wide: &Wide, ray: &Ray, known: &mut KnownOccluders) -> bool {
+    debug_assert!(wide.operations == Operations::Avx512);
+    // SAFETY: as in `nearest`.
+    unsafe { any_as_known_avx512(wide, ray, known) }
 }
 
 /// Nearest hits of a bundle's rays.
@@ -68,6 +77,11 @@ fn nearest_avx512(wide: &Wide, ray: &Ray) -> Option<Hit> {
 #[target_feature(enable = "avx512f,avx512vl,avx2,bmi1,bmi2")]
 fn any_avx512(wide: &Wide, ray: &Ray) -> bool {
     Query::new(ray).is_some_and(|query| traverse::<Avx512, true>(wide, &query, Child::ROOT, None).is_some())
+}
+
+#[target_feature(enable = "avx512f,avx512vl,avx2,bmi1,bmi2")]
+fn any_as_known_avx512(wide: &Wide, ray: &Ray, known: &mut KnownOccluders) -> bool {
+    Query::new(ray).is_some_and(|query| is_hidden::<Avx512>(wide, &query, known))
 }
 
 /// AVX-512. Private to this file: only the functions above use it, which run with AVX-512.

@@ -6,6 +6,7 @@ use std::mem::MaybeUninit;
 
 use super::layout::{Child, LANES, Node, Packet, WIDTH};
 use super::{MAX_DEPTH, Wide};
+use crate::accel::KnownOccluders;
 use crate::accel::query::{BOX_SLACK, Query, inclusive, is_better};
 use crate::geometry::Hit;
 use crate::geometry::soup::Primitive;
@@ -144,6 +145,31 @@ pub fn traverse<L: Lanes, const ANY: bool>(wide: &Wide, query: &Query, start: Ch
                 break;
             }
         }
+    }
+}
+
+/// Whether there is a hit: in the leaves that are known to hide others, or else in any, which is then known.
+#[inline(always)]
+pub fn is_hidden<L: Lanes>(wide: &Wide, query: &Query, known: &mut KnownOccluders) -> bool {
+    let ray = L::spread(query);
+    let (mut limit, mut best) = (query.ray.t_max, None);
+    if known.any(|&leaf| meet_leaf::<L, true>(wide, query, &ray, Child(leaf), &mut limit, &mut best)) {
+        return true;
+    }
+    let mut stack = Stack::new();
+    let mut current = Child::ROOT;
+    loop {
+        if current.is_leaf() {
+            if meet_leaf::<L, true>(wide, query, &ray, current, &mut limit, &mut best) {
+                known.add(current.0);
+                return true;
+            }
+        } else if let Some(next) = descend::<L, true>(wide, &ray, current, limit, &mut stack) {
+            current = next;
+            continue;
+        }
+        let Some(key) = stack.pop() else { return false };
+        current = key.child();
     }
 }
 

@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 use super::bvh::Draft;
 use super::query::Query;
-use super::{Accel, Hit, Ray, Soup};
+use super::{Accel, Hit, KnownOccluders, Ray, Soup};
 use layout::{Child, Node, Packet};
 
 /// Deepest wide tree that is traversed; a deeper one is built anew over a balanced binary tree.
@@ -103,6 +103,16 @@ impl Accel for Wide {
         }
     }
 
+    fn occluded_as_known(&self, ray: &Ray, known: &mut KnownOccluders) -> bool {
+        match self.operations {
+            #[cfg(target_arch = "x86_64")]
+            Operations::Avx512 => avx512::any_as_known(self, ray, known),
+            #[cfg(target_arch = "x86_64")]
+            Operations::Avx2 => avx2::any_as_known(self, ray, known),
+            _ => Query::new(ray).is_some_and(|query| kernel::is_hidden::<portable::Portable>(self, &query, known)),
+        }
+    }
+
     #[cfg(target_arch = "x86_64")]
     fn intersect_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         assert_eq!(rays.len(), hits.len(), "one hit for each ray");
@@ -164,6 +174,7 @@ mod tests {
             let soup = Arc::new(mixture(n));
             let engines: Vec<Wide> = ALL.into_iter().filter_map(|operations| Wide::new(soup.clone()).by(operations)).collect();
             let binary = crate::accel::binary::Binary::new(soup);
+            let mut known = vec![KnownOccluders::default(); engines.len()];
             for i in 0..if cfg!(miri) { 20 } else { 20_000 } {
                 let mut s = Sampler::new(8, i, 0);
                 let (origin, direction) = (2.0 * point(&mut s) - 0.5, point(&mut s) - 0.5);
@@ -172,6 +183,10 @@ mod tests {
                 for engine in &engines {
                     assert_eq!(engine.intersect(&ray), hit, "{:?}, {n}: {ray:?}", engine.operations);
                     assert_eq!(engine.occluded(&ray), hit.is_some(), "{:?}, {n}: {ray:?}", engine.operations);
+                }
+                // Of all that the rays before have met.
+                for (engine, known) in engines.iter().zip(&mut known) {
+                    assert_eq!(engine.occluded_as_known(&ray, known), hit.is_some(), "{:?}, {n}: {ray:?}", engine.operations);
                 }
                 let Some(hit) = hit else { continue };
                 let (ends_there, ends_behind) = (Ray { t_max: hit.t, ..ray }, Ray { t_max: hit.t.next_up(), ..ray });

@@ -16,6 +16,8 @@ use rayon::prelude::*;
 
 /// Rays of a group that say whether there is anything but patches to be seen.
 const SCOUTS: u32 = 64;
+/// Groups that send them side by side.
+const SCOUTING: usize = 512;
 /// A group that gets more rays than others has at most so many times as many.
 const MOST_TIMES: u32 = 64;
 /// Groups aimed at.
@@ -96,13 +98,18 @@ impl Beside {
             }
         }
         let branches = Branches::new(&visited);
-        let all = |rays: u32, seed: u64| -> Vec<Cast> {
+        let all = |groups: &[usize], rays: u32, seed: u64| -> Vec<Cast> {
             groups.par_iter().map(|&at| cast_group(world, patches, tree, at, rays, seed, settings)).collect()
         };
-        let mut found = all(SCOUTS.min(settings.rays), settings.seed);
+        let mut found = Vec::with_capacity(groups.len());
+        // Where the first groups find light none of their scouts counts.
+        while found.len() < groups.len() && !(settings.rays > SCOUTS && found.iter().any(Cast::has_light)) {
+            let next = found.len()..(found.len() + SCOUTING).min(groups.len());
+            found.extend(all(&groups[next], SCOUTS.min(settings.rays), settings.seed));
+        }
         found.iter().for_each(|cast| *counts += cast.counts);
         if found.iter().any(Cast::has_light) && settings.rays > SCOUTS {
-            found = all(settings.rays, mix(settings.seed));
+            found = all(&groups, settings.rays, mix(settings.seed));
             found.iter().for_each(|cast| *counts += cast.counts);
             // As many rays again go where light came by few of them; not to the very groups that it came to, of which those that were
             // lucky would lose what they found, and the others gain nothing.
@@ -352,11 +359,11 @@ fn cast_group(
         let counts = &mut cast.counts;
         world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, counts, |event| match event {
             Event::Surface { at, throughput, through, emission_share, .. } => {
-                let patch = patches.patch_at(at);
+                let has_patch = patches.has_patch_at(at);
                 if through == 0 {
-                    way = usize::from(patch.is_some());
+                    way = usize::from(has_patch);
                 } else {
-                    if let Some(j) = patch {
+                    if let Some(j) = patches.patch_at(at) {
                         entries[way].push((j.0, throughput));
                         sums[way].arrive(&walk, throughput);
                     }
@@ -364,7 +371,7 @@ fn cast_group(
                         walk.find(throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share);
                     }
                 }
-                if patch.is_some() {
+                if has_patch {
                     walk.meet_patch();
                 }
             }

@@ -2,16 +2,14 @@
 
 use super::tree::{Node, SPOTS, Spot, Tree};
 use crate::form_factor::polygon::Polygon;
-use crate::patch::{PatchId, PatchMesh};
-use crate::world::World;
 use std::f64::consts::PI;
 
 /// Patches nearer than this many times the sum of their radii are integrated as polygons.
-const NEAR: f32 = 2.5;
+pub const NEAR: f32 = 2.5;
 /// Relative error allowed to the integral over polygons: below what visibility leaves.
 const POLYGON_TOLERANCE: f64 = 1e-4;
 /// Two patches with more pairs of polygons than this between them are integrated by their points.
-const MOST_PAIRS: usize = 24;
+pub const MOST_PAIRS: usize = 24;
 
 /// How strongly two nodes are coupled at most, over unit area of the other one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,21 +79,20 @@ pub fn between(x: &Spot, y: &Spot, disk: f64) -> f64 {
     f64::from(cos) * f64::from(other) / (r2 * (PI * r2 + disk))
 }
 
-/// A_p F_pq [m²] of nodes `p` and `q` as if nothing hid them from each other: 0 <= S <= min(A_p, A_q).
-pub fn unobstructed(world: &World, patches: &PatchMesh, tree: &Tree, p: usize, q: usize) -> f64 {
-    let (a, b) = (&tree.nodes[p], &tree.nodes[q]);
-    let least = a.area.min(b.area);
-    if a.is_leaf() && b.is_leaf() && a.center.distance(b.center) < NEAR * (a.radius + b.radius) {
-        let ids = [a, b].map(|node| PatchId(tree.patch[node.first as usize]));
-        if ids.iter().map(|&id| patches.n_pieces(id)).product::<usize>() <= MOST_PAIRS {
-            let shapes = ids.map(|id| patches.outlines(world, id));
-            let [first, second] = shapes.map(|s| s.iter().filter_map(|o| Polygon::new(o)).collect::<Vec<_>>());
-            let pairs = first.iter().flat_map(|f| second.iter().map(move |s| (f, s)));
-            return pairs.map(|(f, s)| f.transfer(s, POLYGON_TOLERANCE)).sum::<f64>().min(least);
-        }
-        return a.area * b.area * mean(&tree.centred[p], &tree.centred[q], least);
-    }
-    (a.area * b.area * mean(&tree.centred[p], &tree.centred[q], 0.0)).min(least)
+/// A_p F_pq [m²] of nodes `p` and `q` that are not near each other, as if nothing hid them: 0 <= S <= min(A_p, A_q).
+pub fn unobstructed(tree: &Tree, p: usize, q: usize) -> f64 {
+    by_points(tree, p, q, 0.0).min(tree.nodes[p].area.min(tree.nodes[q].area))
+}
+
+/// The same by points of each, of which those of one stand for disks of the area `disk`.
+pub fn by_points(tree: &Tree, p: usize, q: usize, disk: f64) -> f64 {
+    tree.nodes[p].area * tree.nodes[q].area * mean(&tree.centred[p], &tree.centred[q], disk)
+}
+
+/// The same of patches by their polygons.
+pub fn between_polygons(p: &[Polygon], q: &[Polygon]) -> f64 {
+    let pairs = p.iter().flat_map(|f| q.iter().map(move |s| (f, s)));
+    pairs.map(|(f, s)| f.transfer(s, POLYGON_TOLERANCE)).sum()
 }
 
 fn mean(p: &[Spot; SPOTS], q: &[Spot; SPOTS], disk: f64) -> f64 {

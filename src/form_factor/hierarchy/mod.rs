@@ -7,6 +7,7 @@
 mod beside;
 mod kernel;
 mod links;
+mod near;
 mod refine;
 mod shrink;
 #[cfg(test)]

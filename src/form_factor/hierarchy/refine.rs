@@ -1,8 +1,10 @@
 //! Which nodes are linked: pairs are divided until the kernel between them varies little, or both are patches.
 
 use super::kernel::{self, Variation};
+use super::near::Pair;
 use super::tree::{SPOTS, Spot, Tree};
 use super::walls::Walls;
+use crate::accel::KnownOccluders;
 use crate::geometry::{Ray, offset_origin};
 use crate::math::{Vec3, sampler::mix};
 use crate::patch::PatchMesh;
@@ -68,31 +70,52 @@ enum Verdict {
     Divided([(u32, u32); 2]),
     /// Pairs of a node with itself make three.
     Within([(u32, u32); 3]),
+    /// Both are patches, and near each other.
+    Near(Pair),
     /// It is a link, whose form factor in either direction is about this at most.
     Linked(f64),
+}
+
+/// Rays between pairs, cast one after the other.
+#[derive(Default)]
+pub(super) struct Casting {
+    /// How many.
+    pub rays: u64,
+    known: KnownOccluders,
+}
+
+/// What has become of the pairs of a task.
+#[derive(Default)]
+struct Found {
+    links: Vec<Link>,
+    near: Vec<Pair>,
+    rays: u64,
 }
 
 impl Refinement<'_> {
     /// All links by task, in an order that depends on nothing but the tree; and the number of rays cast. `None` if the observer stopped it.
     pub fn links(&self, observer: &mut Observer<'_>) -> Option<(Vec<Vec<Link>>, u64)> {
-        let (mut links, mut rays) = (Vec::new(), 0);
+        let (mut links, mut near, mut rays) = (Vec::new(), Vec::new(), 0);
         if self.tree.nodes.is_empty() {
             return Some((links, rays));
         }
         let tasks = self.tasks();
         for (done, batch) in tasks.chunks(BATCH).enumerate() {
-            let found: Vec<(Vec<Link>, u64)> = batch.par_iter().with_max_len(1).map(|&pair| self.descend(pair)).collect();
-            for (mut of_task, cast) in found {
-                of_task.shrink_to_fit();
-                links.push(of_task);
-                rays += cast;
+            let found: Vec<Found> = batch.par_iter().with_max_len(1).map(|&pair| self.descend(pair)).collect();
+            for mut of_task in found {
+                of_task.links.shrink_to_fit();
+                links.push(of_task.links);
+                near.extend(of_task.near);
+                rays += of_task.rays;
             }
             let progress = Progress { stage: Stage::FormFactors, done: ((done + 1) * BATCH) as f64, total: tasks.len() as f64 };
             if let ControlFlow::Break(()) = observer(&progress) {
                 return None;
             }
         }
-        Some((links, rays))
+        let (near, of_near) = self.near_links(near, observer)?;
+        links.extend(near);
+        Some((links, rays + of_near))
     }
 
     /// Pairs that together hold all links, many enough to keep threads busy.
@@ -105,7 +128,7 @@ impl Refinement<'_> {
                     Verdict::Apart => {}
                     Verdict::Divided(pairs) => next.extend(pairs),
                     Verdict::Within(pairs) => next.extend(pairs),
-                    Verdict::Linked(_) => next.push(pair),
+                    Verdict::Linked(_) | Verdict::Near(_) => next.push(pair),
                 }
             }
             if next.len() == tasks.len() {
@@ -116,22 +139,24 @@ impl Refinement<'_> {
         tasks
     }
 
-    fn descend(&self, pair: (u32, u32)) -> (Vec<Link>, u64) {
-        let (mut links, mut rays, mut stack) = (Vec::new(), 0, vec![pair]);
+    fn descend(&self, pair: (u32, u32)) -> Found {
+        let (mut found, mut casting, mut stack) = (Found::default(), Casting::default(), vec![pair]);
         while let Some(pair) = stack.pop() {
             match self.judge(pair) {
                 Verdict::Apart => {}
                 Verdict::Divided(pairs) => stack.extend(pairs),
                 Verdict::Within(pairs) => stack.extend(pairs),
+                Verdict::Near(pair) => found.near.push(pair),
                 Verdict::Linked(most) => {
-                    let transfer = self.transfer(pair, most, &mut rays);
+                    let transfer = self.transfer(pair, most, &mut casting);
                     if transfer > 0.0 {
-                        links.push(Link { first: pair.0, second: pair.1, transfer: transfer as f32 });
+                        found.links.push(Link { first: pair.0, second: pair.1, transfer: transfer as f32 });
                     }
                 }
             }
         }
-        (links, rays)
+        found.rays = casting.rays;
+        found
     }
 
     fn judge(&self, (p, q): (u32, u32)) -> Verdict {
@@ -149,7 +174,11 @@ impl Refinement<'_> {
         };
         let larger = a.area.max(b.area);
         if a.is_leaf() && b.is_leaf() {
-            return Verdict::Linked(most * larger);
+            let (small, large) = if a.area <= b.area { (p, q) } else { (q, p) };
+            return match self.is_near(p, q) {
+                true => Verdict::Near((small, large, (most * larger) as f32)),
+                false => Verdict::Linked(most * larger),
+            };
         }
         // Of few patches it is as cheap to cast rays.
         if a.count.min(b.count) >= FEWEST_BEHIND_WALLS && self.walls.part(self.tree, p as usize, q as usize) {
@@ -173,18 +202,22 @@ impl Refinement<'_> {
 
     /// A_p F_pq [m²]: what there would be if nothing hid them, times the share of it that is visible. `most`: about the most that the form
     /// factor may be.
-    fn transfer(&self, (p, q): (u32, u32), most: f64, rays: &mut u64) -> f64 {
+    fn transfer(&self, (p, q): (u32, u32), most: f64, cast: &mut Casting) -> f64 {
+        match p == q {
+            true => self.transfer_by((p, q), most, &|| self.with_itself(p as usize), cast),
+            false => self.transfer_by((p, q), most, &|| kernel::unobstructed(self.tree, p as usize, q as usize), cast),
+        }
+    }
+
+    /// The same with what there would be if nothing hid them, `whole`.
+    pub(super) fn transfer_by(&self, (p, q): (u32, u32), most: f64, whole: &dyn Fn() -> f64, cast: &mut Casting) -> f64 {
         let (a, b) = (&self.tree.nodes[p as usize], &self.tree.nodes[q as usize]);
         let fewest = if a.is_leaf() && b.is_leaf() { FEWEST_BETWEEN_PATCHES } else { FEWEST_RAYS };
         // Standard error of a share is at most 1/(2 sqrt n).
         let wanted = |factor: f64| (factor / (2.0 * VISIBILITY_SHARE * self.tolerance)).powi(2).ceil() as u32;
-        let whole = || match p == q {
-            true => self.with_itself(p as usize),
-            false => kernel::unobstructed(self.world, self.patches, self.tree, p as usize, q as usize),
-        };
         // Most pairs that get few rays are hidden: what there would be is then not asked for.
         if wanted(SURELY * most) <= fewest {
-            let share = self.visible_share(p as usize, q as usize, fewest, rays);
+            let share = self.visible_share(p as usize, q as usize, fewest, cast);
             return if share > 0.0 { share * whole() } else { 0.0 };
         }
         let whole = whole();
@@ -192,7 +225,7 @@ impl Refinement<'_> {
         if factor <= 0.0 {
             return 0.0;
         }
-        whole * self.visible_share(p as usize, q as usize, wanted(factor).clamp(fewest, MOST_RAYS), rays)
+        whole * self.visible_share(p as usize, q as usize, wanted(factor).clamp(fewest, MOST_RAYS), cast)
     }
 
     /// A_p F_pp [m²] of a patch that is not flat, as if its parts hid nothing.
@@ -204,7 +237,7 @@ impl Refinement<'_> {
     }
 
     /// Share of the transfer between two nodes that nothing hides, by `n` rays between them, weighted by what they carry.
-    fn visible_share(&self, p: usize, q: usize, n: u32, rays: &mut u64) -> f64 {
+    fn visible_share(&self, p: usize, q: usize, n: u32, cast: &mut Casting) -> f64 {
         let key = mix(self.seed ^ mix((p as u64) << 32 | q as u64));
         // A lattice of rank one, shifted at random: both ends of the rays are stratified.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
@@ -219,8 +252,8 @@ impl Refinement<'_> {
             let weight = kernel::between(x, y, disk);
             if weight > 0.0 {
                 all += weight;
-                *rays += 1;
-                seen += if self.world.occluded(&segment(x, y)) { 0.0 } else { weight };
+                cast.rays += 1;
+                seen += if self.world.occluded_as_known(&segment(x, y), &mut cast.known) { 0.0 } else { weight };
             }
         }
         if all > 0.0 { seen / all } else { 0.0 }

@@ -182,6 +182,49 @@ fn walls_leave_out_nothing_that_is_seen() {
     assert!(rays < all_rays, "{rays} rays, without walls {all_rays}");
 }
 
+/// A square of 0.2 that faces a ceiling of 1 from a hundredth below it, cut in so many quads a side, and what hides half of it if asked.
+fn below_a_ceiling(quads: u32, is_half_hidden: bool) -> f64 {
+    let mut room = Room::new(DVec3::splat(0.1), DVec3::ONE, 4);
+    let grey = room.grey(0.5);
+    let mut plate = crate::geometry::tessellate::Triangles::default();
+    let side = 0.2 / f64::from(quads);
+    for (i, k) in (0..quads * quads).map(|n| (n % quads, n / quads)) {
+        let corner = DVec3::new(0.2 + side * f64::from(i), 0.2 + side * f64::from(k), 0.0);
+        let first = plate.positions.len() as u32;
+        plate.positions.extend([
+            corner,
+            corner + DVec3::X * side,
+            corner + DVec3::new(side, side, 0.0),
+            corner + DVec3::Y * side,
+        ]);
+        plate.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    room.add(crate::scene::SurfaceSource::Triangles(plate), grey, 0.0);
+    room.quad(DVec3::new(-0.2, -0.2, 0.01), DVec3::Y, DVec3::X, grey, 0.0);
+    if is_half_hidden {
+        room.quad(DVec3::new(0.2, 0.15, 0.002), DVec3::Y * 0.3, DVec3::X * 0.1, grey, 0.0);
+    }
+    let (patches, links, _) = linked(&room, 1.0, 1e-3);
+    let is_plate = |i: usize| patches.normal[i].z > 0.5;
+    // The middle of the scene is its origin.
+    let to_ceiling = |i: usize| -> f64 {
+        row(&links, i).iter().enumerate().filter(|(j, _)| patches.centroid[*j].z > 0.0).map(|(_, f)| f).sum()
+    };
+    let all: f64 = (0..links.len()).filter(|&i| is_plate(i)).map(|i| patches.area[i] * to_ceiling(i)).sum();
+    all / 0.04
+}
+
+/// The kernel is nothing but for a disk of the ceiling as wide as the gap. Integrated over polygons, and of too many triangles for that.
+#[test]
+fn what_lies_close_below_a_ceiling_sees_nothing_else() {
+    for quads in [1, 5] {
+        let found = below_a_ceiling(quads, false);
+        assert!((0.97..1.0 + 1e-6).contains(&found), "{quads} a side: {found}");
+        let half = below_a_ceiling(quads, true);
+        assert!((half - 0.5).abs() < 0.05, "{quads} a side, half of it hidden: {half}");
+    }
+}
+
 /// Rows of several patches in one go, as rooms are looked for.
 #[test]
 fn parts_of_rows_are_the_rows() {
