@@ -38,7 +38,7 @@ pub trait Accel: Send + Sync {
     /// True if anything lies in (`t_min`, `t_max`).
     fn occluded(&self, ray: &Ray) -> bool;
 
-    /// The same as [`occluded`](Self::occluded), where `known` keeps what it takes to answer faster for the rays to come, if they are like this one.
+    /// The same as [`occluded`](Self::occluded); `known` keeps what it takes to answer faster for rays to come that are like this one.
     fn occluded_as_known(&self, ray: &Ray, known: &mut KnownOccluders) -> bool {
         let _ = known;
         self.occluded(ray)

@@ -24,7 +24,8 @@ pub use shading::Shading;
 pub use sight::Sight;
 pub use stages::{All, Stages};
 
-use crate::accel::{self, Accel, AccelError, AccelKind, KnownOccluders};
+pub use crate::accel::KnownOccluders;
+use crate::accel::{self, Accel, AccelError, AccelKind};
 use crate::geometry::soup::Primitive;
 use crate::geometry::{Bounds, Hit, Ray, Soup, triangle};
 use crate::light::LightTree;

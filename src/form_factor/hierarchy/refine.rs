@@ -4,12 +4,11 @@ use super::kernel::{self, Variation};
 use super::near::Pair;
 use super::tree::{SPOTS, Spot, Tree};
 use super::walls::Walls;
-use crate::accel::KnownOccluders;
 use crate::geometry::{Ray, offset_origin};
 use crate::math::{Vec3, sampler::mix};
 use crate::patch::PatchMesh;
 use crate::progress::{Observer, Progress, Stage};
-use crate::world::World;
+use crate::world::{KnownOccluders, World};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
