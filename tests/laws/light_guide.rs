@@ -119,11 +119,12 @@ fn diffuse_transmission(tube: &Tube) -> f64 {
     found.iter().map(|p| p.total.g).sum::<f64>() / f64::from(RINGS) / PI
 }
 
-/// All rows with the environment variable TWOPASS_ALL_ROWS; without it those of which few samples tell enough.
+/// All rows with the environment variable TWOPASS_ALL_ROWS (some two CPU minutes); without it those of which few samples tell enough, one of
+/// diffuse light among them.
 #[test]
 fn a_mirror_tube_carries_what_the_formula_says() {
     let all = std::env::var_os("TWOPASS_ALL_ROWS").is_some();
-    for tube in tubes().into_iter().filter(|t| all || t.transmission > 0.6) {
+    for tube in tubes().into_iter().filter(|t| all || t.transmission > if t.angle.is_some() { 0.6 } else { 0.95 }) {
         let got = transmission(&tube);
         let name = format!("rho {}, length {}, angle {:?}", tube.rho, tube.length, tube.angle);
         println!("{name}: {got:.6}, expected {:.6}, {:+.3} %", tube.transmission, 100.0 * (got / tube.transmission - 1.0));
