@@ -229,13 +229,13 @@ fn glances_see_what_is_stored_for_the_edges_of_things() {
     assert!((sums[1] - sums[2]).abs() < 4.0 * standard_error, "{sums:?}, standard error {standard_error}");
 }
 
-/// A fence on a floor, a low lamp before it and nothing above: behind it is exactly no light, and path tracing finds none. Records before the
-/// fence reach across its foot, closer than which none are placed, and do not hold there; so next to nothing gets behind it, and before it
-/// its shadow side takes nothing away.
+/// A fence on a floor, a low lamp before it and nothing above, or a black roof: behind it is exactly no light, and path tracing finds none.
+/// Records are placed so far apart that those before the fence reach across its foot, and do not hold there; so next to nothing gets behind
+/// it.
 #[test]
 fn records_do_not_hold_beyond_a_fence() {
-    for turn in [0.0, 0.35] {
-        let mut room = Room::new(DVec3::new(0.0, 4.0, 0.01), DVec3::ZERO, 64);
+    for (turn, roof) in [(0.0, false), (0.35, false), (0.0, true), (0.35, true)] {
+        let mut room = Room::new(DVec3::new(0.0, if roof { 1.5 } else { 4.0 }, 0.01), DVec3::ZERO, 64);
         let matte = room.material(Material::Diffuse { reflectance: Texture::grey(0.8) }, true);
         let black = room.grey(0.0);
         room.quad(DVec3::new(-2.5, 0.0, -2.5), DVec3::Z * 5.0, DVec3::X * 5.0, matte, 0.0);
@@ -243,6 +243,9 @@ fn records_do_not_hold_beyond_a_fence() {
         room.quad(-5.0 * along, 10.0 * along, DVec3::Y * 0.4, matte, 0.0);
         room.quad(-1.5 * across + DVec3::Y * 0.05 - along, 2.0 * along, DVec3::Y * 0.2, black, 5.0);
         room.quad(-1.5 * across + DVec3::Y * 0.05 - along, DVec3::Y * 0.2, 2.0 * along, black, 5.0);
+        if roof {
+            room.quad(DVec3::new(-2.5, 1.6, -2.5), DVec3::X * 5.0, DVec3::Z * 5.0, black, 0.0);
+        }
         let (eye, axis) = (room.scene().camera, across);
         // Sums of what is before and behind, away from the fence itself, which the camera sees edge on.
         let sides = |method: Method| {
@@ -264,7 +267,7 @@ fn records_do_not_hold_beyond_a_fence() {
         let (_, nothing) = sides(Method::Path);
         assert_eq!(nothing, 0.0, "behind the fence is no light");
         let (before, behind) = sides(Method::IrradianceCache);
-        println!("turned by {turn}: {behind} behind, {before} before, {:.4} %", 100.0 * behind / before);
-        assert!(behind < 1e-3 * before, "turned by {turn}: {behind} behind the fence, {before} before it");
+        println!("turned by {turn}, roof {roof}: {behind} behind, {before} before, {:.4} %", 100.0 * behind / before);
+        assert!(behind < 1e-3 * before, "turned by {turn}, roof {roof}: {behind} behind the fence, {before} before it");
     }
 }

@@ -296,14 +296,16 @@ impl<K: Stages> TwoPass<'_, K> {
 }
 
 /// The nearest wall within `reach` [m], if any that is upright: the unit direction to it along the two axes of the surface, and its distance
-/// [m]. Each sector has its nearest hit; three neighbours on a line, the nearest among them, are a wall.
+/// [m]. Each sector has its nearest hit, as seen from above, of those that are no higher than `reach`: ceilings are no walls. Three neighbours
+/// on a line, the nearest among them, are one.
 fn wall<const N: usize>(seen: &[Seen<N>], rings: usize, reach: f32) -> Option<([f32; 2], f32)> {
     let sectors = seen.len() / rings;
     let nearest = |k: usize| {
-        let hits = (0..rings).map(|ring| {
-            let Seen { nearness, along: [x, y], .. } = seen[ring * sectors + k % sectors];
+        let hits = (0..rings).filter_map(|ring| {
+            let Seen { nearness, along: [x, y], .. } = seen[ring * sectors + k];
             let distance = (1.0 / nearness.max(1e-30)) as f32;
-            [x * distance, y * distance]
+            let height = distance * (1.0 - square([x, y])).max(0.0).sqrt();
+            (height < reach).then_some([x * distance, y * distance])
         });
         hits.min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or([f32::INFINITY; 2])
     };
