@@ -435,6 +435,7 @@ pub(super) mod tests {
             by_ideal: false,
             began_ideal: false,
             plain: None,
+            after_plain: false,
         }
     }
 }
