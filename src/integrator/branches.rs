@@ -5,6 +5,7 @@ use super::whitted::{Path, Trace};
 use crate::material::{Lobe, Lobes};
 use crate::math::Rgb;
 use crate::world::sight::Origin;
+use crate::world::walk::most_survival;
 use crate::world::{Shading, Sight, Stages, SurfaceInteraction};
 
 /// Down to this depth all branches are followed; below it one is chosen at random. With three levels a pane
@@ -55,7 +56,7 @@ impl<K: Stages> TwoPass<'_, K> {
         let mut go_on = if shading.has_diffuse() { total.min(1.0) } else { 1.0 };
         let mut survival = path.survival * total / go_on;
         if path.depth >= ROULETTE_DEPTH {
-            let stays = survival.min(0.95);
+            let stays = survival.min(most_survival(albedo <= 0.0, path.depth));
             go_on *= stays;
             survival /= stays;
         }

@@ -13,7 +13,7 @@ use crate::world::lamps::Lamps;
 use crate::world::plane_mirrors::PlaneMirrors;
 use crate::world::shading::ScatteredRay;
 use crate::world::sight::{Origin, power_share};
-use crate::world::walk::RayCounts;
+use crate::world::walk::{RayCounts, most_survival};
 use crate::world::{All, Shading, ShadowRay, Sight, Stages, SurfaceInteraction, World};
 use std::f32::consts::FRAC_1_PI;
 use std::marker::PhantomData;
@@ -24,9 +24,6 @@ pub const ROULETTE_DEPTH: u32 = 5;
 /// A path goes on with this many times its throughput as the probability. With the throughput itself, long paths are few and
 /// heavy: in a room of light walls twice as many make the squared error a fifth smaller for a tenth more time, four times as many nothing more.
 const SURVIVAL: f64 = 2.0;
-
-/// No path goes on with a higher probability: a closed room of white walls would never end.
-const MOST_SURVIVAL: f64 = 0.95;
 
 /// Shadow rays where the camera looks, if there is a choice of lamps.
 const LOOKS: u32 = 2;
@@ -247,8 +244,9 @@ impl<K: Stages> PathTracer<'_, K> {
         let next = place.sample(sampler)?;
         let (mut weight, eta) = (next.weight, walk.eta * next.eta);
         if walk.depth + 1 >= ROULETTE_DEPTH {
-            let survival = ((walk.throughput * weight).max() * walk.share * eta * eta * SURVIVAL).min(MOST_SURVIVAL);
-            if f64::from(sampler.next_1d()) >= survival {
+            let survival = ((walk.throughput * weight).max() * walk.share * eta * eta * SURVIVAL)
+                .min(most_survival(next.density.is_none(), walk.depth + 1));
+            if survival < 1.0 && f64::from(sampler.next_1d()) >= survival {
                 return None;
             }
             weight = weight / survival;

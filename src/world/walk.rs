@@ -9,8 +9,21 @@ use crate::math::{Rgb, Sampler, Vec3};
 
 /// After this many specular events a path goes on with a probability equal to its throughput.
 const ROULETTE_AFTER: u32 = 8;
+/// Roulette lets a path go on with this probability at most, if it lets it go on by chance at all: a closed room of white walls would
+/// never end.
+pub const MOST_SURVIVAL: f64 = 0.95;
+/// Down to this many edges ideal mirrors and glass are no reason to end a path that has lost nothing: a chain of some dozen mirrors carries
+/// what they leave of the light, and one in twenty ended at each would make few heavy chains of many. Light that is trapped in clear
+/// glass goes so far.
+const CHAIN: u32 = 256;
 /// No chain is longer; a closed box of perfect mirrors would otherwise never end.
 const LONGEST: u32 = 512;
+
+/// Highest probability with which roulette lets a path go on after `edges` edges, the last by an ideal lobe or not.
+#[inline]
+pub fn most_survival(by_ideal: bool, edges: u32) -> f64 {
+    if by_ideal && edges < CHAIN { 1.0 } else { MOST_SURVIVAL }
+}
 
 /// Counts of rays, added up over a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -218,8 +231,8 @@ impl World {
                 return;
             }
             if through > ROULETTE_AFTER {
-                let go_on = survival.min(0.95);
-                if f64::from(sampler.next_1d()) >= go_on {
+                let go_on = survival.min(most_survival(!step.glossy, through));
+                if go_on < 1.0 && f64::from(sampler.next_1d()) >= go_on {
                     return;
                 }
                 throughput = throughput / go_on;
@@ -254,7 +267,7 @@ impl World {
             return None;
         }
         // What is diffuse ends most walks: its light has been read.
-        let go_on = if shading.has_diffuse() { total.min(0.95) } else { 1.0 };
+        let go_on = if shading.has_diffuse() { total.min(MOST_SURVIVAL) } else { 1.0 };
         let glossy_probability = go_on * glossy / total;
         if glossy > 0.0 {
             let respond = |ray: &super::ShadowRay| {

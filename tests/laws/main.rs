@@ -19,6 +19,7 @@ mod form_factors;
 mod furnace;
 mod gathering;
 mod glossy;
+mod goals;
 mod invariance;
 mod lamps;
 mod light;

@@ -209,3 +209,44 @@ fn states_of_other_revisions_are_refused() {
         assert!(!other.take_up(&state[1..]), "a state without a revision");
     }
 }
+
+/// What chains and walks have of a contribution depends on how much it is, so it must be as much by whichever pixel's walk it is found: roulette
+/// knows nothing of the first surface. Dark and bright stripes, each a pixel wide, in a bright room; most that is found goes to chains.
+#[test]
+fn what_is_lent_is_shared_with_chains_as_what_is_not() {
+    const REPLICAS: u64 = 8;
+    let mut room = Room::new(DVec3::ZERO, DVec3::Z, 8);
+    let (dark, bright, black) = (room.grey(0.02), room.grey(0.9), room.grey(0.0));
+    let (low, x, y, z) = (DVec3::splat(-1.0), DVec3::X * 2.0, DVec3::Y * 2.0, DVec3::Z * 2.0);
+    for (corner, e1, e2) in [(low, y, z), (low + x, z, y), (low, z, x), (low + y, x, z), (low, x, y)] {
+        room.quad(corner, e1, e2, bright, 0.0);
+    }
+    for k in 0..8 {
+        room.quad(low + z + x * f64::from(k) / 8.0, y, x / 8.0, if k % 2 == 0 { dark } else { bright }, 0.0);
+    }
+    room.quad(DVec3::new(-0.3, 0.95, -0.8), DVec3::X * 0.6, DVec3::Z * 0.6, black, 5.0);
+    // Means of both kinds of stripes, the darker first.
+    let stripes = |method: Method, spp: u32, seed: u64| -> [f64; 2] {
+        let metropolis = MetropolisSettings { even: 0.5, steps: 2.0, ..MetropolisSettings::default() };
+        let methods = MethodSettings { metropolis, single_paths: true, ..MethodSettings::default() };
+        let image = run(room.scene(), &RenderSettings { seed, methods, ..settings(method, spp) }).film.image();
+        let mut sums = [0.0; 2];
+        greens(&image).enumerate().for_each(|(i, green)| sums[i % 2] += green / 32.0);
+        if sums[0] < sums[1] { sums } else { [sums[1], sums[0]] }
+    };
+    let of = |method: Method, spp: u32| {
+        let all: Vec<[f64; 2]> = (1..=REPLICAS).map(|seed| stripes(method, spp, seed)).collect();
+        let n = REPLICAS as f64;
+        [0, 1].map(|kind: usize| {
+            let mean = all.iter().map(|r| r[kind]).sum::<f64>() / n;
+            (mean, all.iter().map(|r| (r[kind] - mean).powi(2)).sum::<f64>() / (n * (n - 1.0)))
+        })
+    };
+    let (chains, path) = (of(Method::Metropolis, 512), of(Method::Path, 2048));
+    for (kind, ((got, v1), (want, v2))) in ["dark", "bright"].iter().zip(chains.into_iter().zip(path)) {
+        let error = (v1 + v2).sqrt();
+        println!("{kind}: {got}, path tracing has {want}, standard error {error}");
+        assert!(error < 0.02 * want, "{kind}: a standard error of {error} tells nothing");
+        assert!((got - want).abs() <= 5.0 * error, "{kind}: {got}, expected {want}, standard error {error}");
+    }
+}

@@ -1,8 +1,6 @@
 //! All ways to make a path of walks from both ends, each weighted against all others.
 
-use super::subpath::{
-    CONNECTION_WORTH, Carried, LENDING_WORTH, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart,
-};
+use super::subpath::{CONNECTION_WORTH, Carried, LastEdge, Met, Scattered, Start, Vertex, Walk, begin_light, depart};
 use crate::film::{PixelSample, Quantity};
 use crate::geometry::Ray;
 use crate::integrator::Frame;
@@ -269,7 +267,7 @@ impl<'a> Connector<'a> {
         let mis = |v: f64| self.heuristic.of(v);
         let cos_x = f64::from(x.si.ng.dot(direction).abs());
         let cos_y = f64::from(y.si.ng.dot(direction).abs());
-        let worth = if x.edges == 1 { mis(LENDING_WORTH) } else { 1.0 };
+        let worth = if x.edges == 1 { mis(y.worth_as_second()) } else { 1.0 };
         let by_camera = worth * mis(at_x.forward * cos_y / (d2 * CONNECTION_WORTH)) * y.other_ways(self.heuristic, at_y.reverse);
         let by_light = mis(at_y.forward * cos_x / (d2 * CONNECTION_WORTH)) * x.other_ways(self.heuristic, at_x.reverse);
         let ways = 1.0 + by_camera + by_light;

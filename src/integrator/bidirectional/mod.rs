@@ -36,7 +36,7 @@ const BAND: usize = 1 << 17;
 /// Picks have random numbers of their own.
 const PICK_STREAM: u64 = 0x91_c4e5;
 /// Counts changes of what the passes of a run have in common, weights above all: a run that older ones began is not gone on with.
-pub const REVISION: u32 = 2;
+pub const REVISION: u32 = 3;
 /// Walks from the lights have random numbers of their own.
 const LIGHT_STREAM: u64 = 0x11_6487;
 

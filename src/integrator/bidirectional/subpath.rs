@@ -8,7 +8,7 @@ use super::Heuristic;
 use crate::geometry::Ray;
 use crate::math::{Rgb, Sampler, Vec3};
 use crate::world::sight::Origin;
-use crate::world::walk::RayCounts;
+use crate::world::walk::{RayCounts, most_survival};
 use crate::world::{Departures, Shading, SurfaceInteraction, World};
 use std::f64::consts::FRAC_1_PI;
 
@@ -17,13 +17,12 @@ const ROULETTE_DEPTH: [u32; 2] = [5, 2];
 /// ... or, from the camera, with this many times its throughput since the second vertex, whichever pixel the light counts for, as in path tracing: what deep vertices are connected with is much of the
 /// light behind a door, and few heavy walks that get there are noise.
 const SURVIVAL: [f64; 2] = [2.0, 1.0];
-/// No walk goes on with a higher probability.
-const MOST_SURVIVAL: f64 = 0.95;
 /// A connection counts as so many in the weights: it is the mean of several well chosen ones, with less noise than other ways of the same
 /// density.
 pub const CONNECTION_WORTH: f64 = 3.0;
-/// A way counts as so many in the weights if a camera's walk has a second vertex that is no lamp, since neighbours lend what they find.
-pub const LENDING_WORTH: f64 = 4.0;
+/// A way counts as so many in the weights if a camera's walk has a plain second vertex that is no lamp, since neighbours lend what they
+/// find there.
+const LENDING_WORTH: f64 = 4.0;
 /// Cosines are taken to be no smaller: densities stay finite.
 const LEAST_COSINE: f64 = 1e-9;
 /// Straight passages between two vertices, at most.
@@ -65,6 +64,14 @@ pub struct Vertex {
     pub began_ideal: bool,
     /// Reflectance of a plain Lambertian surface.
     plain: Option<Rgb>,
+    /// True if the vertex before was a plain Lambertian surface.
+    after_plain: bool,
+}
+
+/// How many times a way counts in the weights whose camera's walk has a second vertex, no lamp, of that kind.
+#[inline]
+fn worth_as_second(is_plain: bool) -> f64 {
+    if is_plain { LENDING_WORTH } else { 1.0 }
 }
 
 /// What a vertex does with light between the vertex before it and a direction.
@@ -95,7 +102,7 @@ impl Vertex {
         if self.edges == 1 {
             return self.other_ways(heuristic, reverse);
         }
-        self.d_vcm * heuristic.of(CONNECTION_WORTH) + self.d_vc * heuristic.of(reverse * LENDING_WORTH)
+        self.d_vcm * heuristic.of(CONNECTION_WORTH) + self.d_vc * heuristic.of(reverse * worth_as_second(self.after_plain))
     }
 
     /// What of [`Self::other_ways`] is in proportion to the ways that a camera's walk has before its second vertex.
@@ -122,6 +129,12 @@ impl Vertex {
     #[inline]
     pub fn reverse(&self, back: Vec3) -> f64 {
         f64::from(self.si.ns.dot(back)).max(0.0) * FRAC_1_PI
+    }
+
+    /// How many times a way counts in the weights if this is the second vertex of its camera's walk.
+    #[inline]
+    pub fn worth_as_second(&self) -> f64 {
+        worth_as_second(self.plain.is_some())
     }
 
     /// Reflectance, if this is a plain Lambertian surface.
@@ -248,6 +261,7 @@ impl Walk<'_> {
         let mut began_ideal = false;
         // Where the last vertex was: straight passages leave it alone.
         let mut from = ray.origin;
+        let mut after_plain = false;
         let mut eta = 1.0;
         let mut plates = 0;
         while edge.edges <= most_edges {
@@ -270,13 +284,14 @@ impl Walk<'_> {
                 by_ideal: edge.by_ideal,
                 began_ideal,
                 plain: shading.plain(),
+                after_plain,
             };
             if self.carried == Carried::Light && edge.edges == 1 {
                 begin(&mut vertex, &shading);
             }
             if edge.edges == 2 && self.carried == Carried::Radiance {
-                vertex.d_vcm /= mis(LENDING_WORTH);
-                vertex.d_vc /= mis(LENDING_WORTH);
+                vertex.d_vcm /= mis(vertex.worth_as_second());
+                vertex.d_vc /= mis(vertex.worth_as_second());
                 vertex.lent = [vertex.d_vcm, vertex.d_vc];
             }
             visit(Met::Surface(&vertex, &shading, &edge), sampler, counts);
@@ -330,6 +345,7 @@ impl Walk<'_> {
                     edge.origin = Some(Origin { point: si.point, receiver: shading.receiver(), density, sampling });
                 }
             }
+            after_plain = vertex.plain.is_some();
             eta *= next.eta;
             edge.by_ideal = next.density.is_none();
             edge.edges += 1;
@@ -343,8 +359,9 @@ impl Walk<'_> {
             }
             if edge.edges > ROULETTE_DEPTH[self.carried as usize] {
                 let scale = if self.carried == Carried::Radiance { eta * eta } else { 1.0 / first };
-                let survival = (throughput.max() * scale * SURVIVAL[self.carried as usize]).min(MOST_SURVIVAL);
-                if f64::from(sampler.next_1d()) >= survival {
+                let survival =
+                    (throughput.max() * scale * SURVIVAL[self.carried as usize]).min(most_survival(edge.by_ideal, edge.edges));
+                if survival < 1.0 && f64::from(sampler.next_1d()) >= survival {
                     return;
                 }
                 edge.throughput = throughput / survival;
@@ -418,6 +435,7 @@ pub(super) mod tests {
             by_ideal: false,
             began_ideal: false,
             plain: None,
+            after_plain: false,
         }
     }
 }

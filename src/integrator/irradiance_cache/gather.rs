@@ -13,6 +13,9 @@ use crate::world::walk::RayCounts;
 use crate::world::{Sight, Stages, SurfaceInteraction};
 use std::f64::consts::{PI, TAU};
 
+/// Share of its distance by which hits on a wall may be off a line.
+const WALL_FLATNESS: f32 = 0.01;
+
 /// How records are gathered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GatherSettings {
@@ -35,15 +38,18 @@ struct Seen<const N: usize> {
     emitted: [f64; N],
     /// One over the distance to what was seen; 0 for what is infinitely far.
     nearness: f64,
+    /// The ray's unit direction along the two axes of the surface.
+    along: [f32; 2],
 }
 
 impl<const N: usize> Seen<N> {
     #[inline(always)]
-    fn of(found: &Gathered, acceptance: Rgb) -> Self {
+    fn of(found: &Gathered, acceptance: Rgb, along: [f32; 2]) -> Self {
         Self {
             radiance: first((found.reflected + found.emitted) * acceptance),
             emitted: first(found.emitted * acceptance),
             nearness: 1.0 / f64::from(found.distance).max(1e-30),
+            along,
         }
     }
 }
@@ -174,7 +180,7 @@ impl<K: Stages> TwoPass<'_, K> {
             };
             // Bent normals look below the face itself, where nothing arrives.
             if direction.dot(si.ng) <= 0.0 {
-                seen.push(Seen::<N> { radiance: [0.0; N], emitted: [0.0; N], nearness: 0.0 });
+                seen.push(Seen::<N> { radiance: [0.0; N], emitted: [0.0; N], nearness: 0.0, along: [0.0; 2] });
                 continue;
             }
             counts.gather += 1;
@@ -185,7 +191,7 @@ impl<K: Stages> TwoPass<'_, K> {
                 let found = self.gathered(si.spawn(direction), Sight::Gather(origin), 0, &mut sampler, counts);
                 (found, shading.acceptance(direction))
             };
-            seen.push(Seen::of(&found, acceptance));
+            seen.push(Seen::of(&found, acceptance, [local.x, local.y]));
         }
         self.record_of(si, &frame, &seen, rings, settings, reach)
     }
@@ -230,7 +236,7 @@ impl<K: Stages> TwoPass<'_, K> {
                     self.plain_gathered((&ray, &self.world.outlook::<K>(start)), 0, NEAR_LEVELS, &mut sampler(), counts)
                 }
             };
-            seen.push(Seen::of(&found, Rgb::WHITE));
+            seen.push(Seen::of(&found, Rgb::WHITE, [direction.dot(frame.s), direction.dot(frame.t)]));
         }
     }
 
@@ -271,8 +277,58 @@ impl<K: Stages> TwoPass<'_, K> {
             let by_gradient = if steepest > 0.0 { level / steepest } else { f32::INFINITY };
             (accuracy * harmonic.min(by_gradient)).clamp(least, most)
         };
-        Record { point: si.point, normal: frame.n, shape: si.shape, reach, irradiance, emitted_share, translation, rotation }
+        let ([x, y], wall_distance) = wall(seen, rings, OVERLAP * reach).unwrap_or(([0.0; 2], f32::INFINITY));
+        let wall = frame.s * x + frame.t * y;
+        let normal = frame.n;
+        Record {
+            point: si.point,
+            normal,
+            shape: si.shape,
+            reach,
+            wall,
+            wall_distance,
+            irradiance,
+            emitted_share,
+            translation,
+            rotation,
+        }
     }
+}
+
+/// The nearest wall within `reach` [m], if any that is upright: the unit direction to it along the two axes of the surface, and its distance
+/// [m]. Each sector has its nearest hit, as seen from above, of those that are no higher than `reach`: ceilings are no walls. Three neighbours
+/// on a line, the nearest among them, are one.
+fn wall<const N: usize>(seen: &[Seen<N>], rings: usize, reach: f32) -> Option<([f32; 2], f32)> {
+    let sectors = seen.len() / rings;
+    let nearest = |k: usize| {
+        let hits = (0..rings).filter_map(|ring| {
+            let Seen { nearness, along: [x, y], .. } = seen[ring * sectors + k];
+            let distance = (1.0 / nearness.max(1e-30)) as f32;
+            let height = distance * (1.0 - square([x, y])).max(0.0).sqrt();
+            (height < reach).then_some([x * distance, y * distance])
+        });
+        hits.min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or([f32::INFINITY; 2])
+    };
+    let hits: Vec<[f32; 2]> = (0..sectors).map(nearest).collect();
+    let first = (0..sectors).min_by(|a, b| square(hits[*a]).total_cmp(&square(hits[*b])))?;
+    if square(hits[first]) > reach * reach {
+        return None;
+    }
+    [sectors - 1, 0, sectors - 2].into_iter().find_map(|begin| {
+        let [a, b, c] = [0, 1, 2].map(|k| hits[(first + begin + k) % sectors]);
+        let (x, y) = (a[1] - c[1], c[0] - a[0]);
+        let length = x.hypot(y);
+        let normal = [x / length, y / length];
+        let [of_a, of_b] = [a, b].map(|hit| normal[0] * hit[0] + normal[1] * hit[1]);
+        let is_flat = of_a.abs() > 0.0 && (of_b - of_a).abs() <= WALL_FLATNESS * of_a.abs();
+        (is_flat && of_a.abs() < reach).then(|| (normal.map(|v| v * of_a.signum()), of_a.abs() * (1.0 + WALL_FLATNESS)))
+    })
+}
+
+/// Square of a length.
+#[inline]
+fn square([x, y]: [f32; 2]) -> f32 {
+    x * x + y * y
 }
 
 /// The first channels of a colour.

@@ -37,6 +37,10 @@ pub struct Record {
     shape: u32,
     /// Distance up to which no other record is placed [m].
     reach: f32,
+    /// Unit direction to the nearest wall within what the record is read up to: it does not hold beyond, where something else is seen.
+    wall: Vec3,
+    /// Distance of that wall [m]; infinite if there is none.
+    wall_distance: f32,
     /// Irradiance as the diffuse part accepts it [W/m²].
     irradiance: Rgb,
     /// Share of it that comes from emitters that gather rays find, per channel.
@@ -165,7 +169,7 @@ fn along(irradiance: f64, change: f64) -> f64 {
 }
 
 impl Record {
-    /// How far a point is from the record, in units of its reach; infinite behind its surface.
+    /// How far a point is from the record, in units of its reach; infinite behind its surface and beyond a wall.
     #[inline]
     fn distance(&self, point: Vec3, normal: Vec3) -> f32 {
         let offset = point - self.point;
@@ -174,7 +178,7 @@ impl Record {
             return f32::INFINITY;
         }
         // A point in front of the record's surface sees less than it does, or more: its neighbours tell better.
-        if offset.dot(self.normal + normal).abs() > 0.4 * self.reach {
+        if offset.dot(self.normal + normal).abs() > 0.4 * self.reach || offset.dot(self.wall) > self.wall_distance {
             return f32::INFINITY;
         }
         offset.length() / self.reach + (1.0 - alike).max(0.0).sqrt() / NORMAL_REACH
@@ -209,6 +213,8 @@ mod tests {
                 normal: Vec3::Z,
                 shape: 0,
                 reach: 1.0,
+                wall: Vec3::ZERO,
+                wall_distance: f32::INFINITY,
                 irradiance: Rgb::grey(f64::from(irradiance([x, y]))),
                 emitted_share: Rgb::grey(0.25),
                 translation: [Vec3::new(gx, gy, 0.0); 3],

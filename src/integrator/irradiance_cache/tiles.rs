@@ -38,6 +38,8 @@ struct Head {
     normal: Vec3,
     /// What the rounding of the product of the normal with itself leaves of a bend.
     bend: f32,
+    wall: Vec3,
+    wall_distance: f32,
 }
 
 /// A record in one channel.
@@ -70,7 +72,7 @@ impl IrradianceCache {
             }
             let is_same = head.normal == normal;
             let distance = if is_same {
-                if offset.dot(twice).abs() > 0.4 * head.reach {
+                if offset.dot(twice).abs() > 0.4 * head.reach || offset.dot(head.wall) > head.wall_distance {
                     continue;
                 }
                 square.sqrt() / head.reach + head.bend
@@ -194,6 +196,8 @@ impl Tiles {
             reach: r.reach,
             normal: r.normal,
             bend: (1.0 - r.normal.dot(r.normal)).max(0.0).sqrt() / NORMAL_REACH,
+            wall: r.wall,
+            wall_distance: r.wall_distance,
         };
         let grey = if K::COLOUR { Vec::new() } else { records.iter().map(Grey::of).collect() };
         Some(Self { tiles, start, records: sorted, heads: records.iter().map(head).collect(), grey })

@@ -149,9 +149,9 @@ pub fn mirrors_only(rows: &mut Rows<'_>) -> Result<(), Trouble> {
         }
         let name = format!("mirror box, rho {rho}, 1 to 64 edges");
         let told = format!("worst at {worst} edges");
-        // Roulette beyond 8 events ends one path in twenty at each: 65536 paths leave some per cent at 64 edges.
+        // Roulette beyond 8 events ends paths by what the mirrors absorb: 65536 paths leave some parts in a thousand at 64 edges.
         let law = "L = sum of rho^k, k below the number of edges";
-        rows.error(&name, law, "geometric series", told, error, 3e-2, None);
+        rows.error(&name, law, "geometric series", told, error, 1e-2, None);
     }
     let got = radiance(boxed(0.9).scene()?, None, DVec3::ZERO, direction, 65_536)?;
     rows.value("mirror box, rho 0.9, no limit", "L = 1/(1 - rho)", 10.0, got, 1e-2);
