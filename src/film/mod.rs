@@ -249,6 +249,21 @@ impl Film {
         }
     }
 
+    /// Multiplies the light between surfaces that was found so far, in each channel; what belongs to which half is known in the mean only.
+    pub fn scale_indirect(&mut self, level: Rgb) {
+        for i in 0..self.layers.len() {
+            let change = self.layers[i][Quantity::Indirect as usize] * (level - Rgb::WHITE);
+            self.layers[i][Quantity::Indirect as usize] += change;
+            let per_sample = change / self.n_samples(i);
+            for half in 0..2 {
+                self.halves[half][i] += per_sample * f64::from(self.taken[half][i]);
+            }
+        }
+        if let Some(filtered) = &mut self.filtered {
+            filtered.take();
+        }
+    }
+
     /// Samples of pixel `i` so far.
     fn n_samples(&self, i: usize) -> f64 {
         f64::from((self.taken[0][i] + self.taken[1][i]).max(1))
@@ -414,6 +429,21 @@ mod tests {
             let got = f64::from(film.variance_image().at(0, 0)[0]);
             assert!((got - expected).abs() <= 1e-4 * expected, "{got:e} for halves {relative} apart, not {expected:e}");
         }
+    }
+
+    #[test]
+    fn light_between_surfaces_is_scaled_alone_and_in_both_halves() {
+        let mut film = Film::new(1, 1);
+        for (index, indirect) in [1.0, 3.0].into_iter().enumerate() {
+            let mut sample = PixelSample::default();
+            *sample.layer(Quantity::Direct) = Rgb::grey(5.0);
+            *sample.layer(Quantity::Indirect) = Rgb::grey(indirect);
+            film.add_pass(index as u32, &[sample]);
+        }
+        film.scale_indirect(Rgb::new(1.5, 1.0, 0.5));
+        assert_eq!(film.image().at(0, 0), [8.0, 7.0, 6.0]);
+        assert_eq!(film.quantity_image(Quantity::Indirect).at(0, 0), [3.0, 2.0, 1.0]);
+        assert_eq!([0, 1].map(|half| film.half_mean(half, 0).r), [7.0, 9.0]);
     }
 
     #[test]

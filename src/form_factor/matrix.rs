@@ -1,5 +1,6 @@
 //! Stored rows of form factors: sparse, f32 entries, sums in f64.
 
+use super::ray_pairs::{Met, RayPairs};
 use super::{Closure, FormFactors};
 use crate::math::Rgb;
 use rayon::prelude::*;
@@ -21,6 +22,9 @@ pub struct FormFactorMatrix {
     pub(super) specular_factor: Vec<[f32; 3]>,
     /// Quality before correction.
     pub closure: Closure,
+    /// What pairs of rays met, if that was asked for; never kept in a file.
+    #[serde(skip)]
+    pub(super) pairs: RayPairs,
 }
 
 /// One row as it is measured.
@@ -30,6 +34,8 @@ pub struct Row {
     pub direct: Vec<(u32, f32)>,
     /// Patches seen through specular surfaces, by rising patch.
     pub specular: Vec<(u32, [f32; 3])>,
+    /// What pairs of rays met.
+    pub pairs: Vec<[Met; 2]>,
 }
 
 impl FormFactorMatrix {
@@ -43,12 +49,18 @@ impl FormFactorMatrix {
             matrix.factor.extend(row.direct.iter().map(|e| e.1));
             matrix.specular_column.extend(row.specular.iter().map(|e| e.0));
             matrix.specular_factor.extend(row.specular.iter().map(|e| e.1));
+            matrix.pairs.push(row.pairs);
             matrix.row_scale.push(1.0);
             matrix.column_scale.push(1.0);
             matrix.start.push(matrix.column.len());
             matrix.specular_start.push(matrix.specular_column.len());
         }
         matrix
+    }
+
+    /// What pairs of rays met, if that was asked for.
+    pub fn pairs(&self) -> Option<&RayPairs> {
+        (!self.pairs.is_empty()).then_some(&self.pairs)
     }
 
     /// Number of entries above zero, those through specular surfaces included.
@@ -58,7 +70,7 @@ impl FormFactorMatrix {
 
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
-        8 * self.column.len() + 16 * self.specular_column.len() + 32 * self.len()
+        8 * self.column.len() + 16 * self.specular_column.len() + 32 * self.len() + self.pairs.memory_bytes()
     }
 
     /// Entries (j, F_ij) of row i that are seen directly.

@@ -25,7 +25,9 @@ pub fn predicted(patches: f64, settings: &FormFactorSettings) -> f64 {
         FormFactorMethod::RayCast => {
             // A ray finds one patch at most; averaging fills both directions.
             let rays = (0.25 / (settings.tolerance * settings.tolerance)).clamp(16.0, 65536.0) * 2.0;
-            n * n.min(2.0 * rays) * PER_ENTRY
+            // Half of a pair.
+            let of_pairs = if settings.in_pairs { 4.0 * rays } else { 0.0 };
+            n * (n.min(2.0 * rays) * PER_ENTRY + of_pairs)
         }
         FormFactorMethod::Analytic => n * n * PER_ENTRY,
         FormFactorMethod::Hemicube => n * n.min(SEEN_BY_HEMICUBE) * PER_ENTRY,
@@ -52,6 +54,7 @@ mod tests {
                 shadow_rays: 32.0,
                 extended: true,
                 virtual_rooms: None,
+                in_pairs: false,
                 seed: 0,
             },
         )

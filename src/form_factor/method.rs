@@ -72,6 +72,8 @@ pub struct FormFactorSettings {
     /// By way of flat mirrors, so many in a row, as exchanges with virtual rooms [Wallace87]; beside extended ones they would count twice.
     /// Links between groups of patches hold none.
     pub virtual_rooms: Option<u32>,
+    /// Rays of [`FormFactorMethod::RayCast`] start in pairs, and what they met is kept.
+    pub in_pairs: bool,
     /// Seed of all rays.
     pub seed: u64,
 }
@@ -113,7 +115,7 @@ impl FormFactorSettings {
             _ => OPENNESS,
         };
         let rays = RayCastSettings::for_tolerance(tolerance, self.shadow_rays, self.seed);
-        RayCastSettings { max_events: if self.extended { rays.max_events } else { 0 }, ..rays }
+        RayCastSettings { max_events: if self.extended { rays.max_events } else { 0 }, in_pairs: self.in_pairs, ..rays }
     }
 }
 

@@ -15,6 +15,7 @@ pub mod outside;
 pub mod pairs;
 pub mod polygon;
 pub mod ray_cast;
+pub mod ray_pairs;
 pub mod stored;
 pub mod virtual_rooms;
 pub mod visibility;
@@ -25,6 +26,7 @@ pub use matrix::FormFactorMatrix;
 pub use method::{FormFactorMethod, FormFactorSettings};
 pub use one_channel::OneChannel;
 pub use outside::Outside;
+pub use ray_pairs::RayPairs;
 pub use stored::Stored;
 
 use crate::math::Rgb;

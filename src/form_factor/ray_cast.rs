@@ -5,6 +5,7 @@
 
 use super::matrix::{FormFactorMatrix, Row};
 use super::outside::{Outside, OutsideRow, Walked, Walks};
+use super::ray_pairs::Met;
 use crate::math::sampler::Series;
 use crate::math::{Frame, Rgb, warp};
 use crate::patch::{PatchId, PatchMesh};
@@ -19,6 +20,10 @@ use std::ops::ControlFlow;
 /// Rows computed between two looks at the observer.
 const BATCH: usize = 1024;
 
+/// What a ray meets within this share of the width of its patch is near by: half of it loses no less light in furnished rooms than all of it, and
+/// counts what stands in the middle of a room less often.
+const NEAR: f32 = 0.5;
+
 /// How many rays, and how far they go.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayCastSettings {
@@ -28,6 +33,8 @@ pub struct RayCastSettings {
     pub max_events: u32,
     /// Number of these rays for each shadow ray that a patch sends: light that both find is shared in proportion.
     pub rays_beside_shadow_rays: f64,
+    /// True: two rays start at each point, and what they met is kept.
+    pub in_pairs: bool,
     /// Seed of the rays.
     pub seed: u64,
 }
@@ -38,7 +45,7 @@ impl RayCastSettings {
     pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
         let rays = (0.25 / (tolerance * tolerance)).ceil().clamp(16.0, 65536.0) as u32;
         let rays = rays.next_power_of_two();
-        Self { rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
+        Self { rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, in_pairs: false, seed }
     }
 
     /// Rays of patch `i`, by its share.
@@ -127,16 +134,30 @@ fn cast_row<K: Stages>(
     let mut walks = Walks::default();
     let rays = settings.rays_of(patches, id.0 as usize);
     let series = Series::new(settings.seed, u64::from(id.0));
+    let near = NEAR * patches.area[id.0 as usize].sqrt() as f32;
+    let mut pairs = Vec::new();
     for k in 0..rays {
-        let mut sampler = series.sampler(u64::from(k));
+        // The second of a pair has the point of the first, and a direction of its own.
+        let (index, is_second) = if settings.in_pairs { (k / 2, k % 2 == 1) } else { (k, false) };
+        let mut sampler = series.sampler(u64::from(index));
         let from = patches.sample_by::<K>(world, id, sampler.next_2d());
+        if is_second {
+            sampler.next_2d();
+        }
         let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(sampler.next_2d()));
+        let mut met_directly = Met::NONE;
         counts.form_factor += 1;
         if K::PLAIN {
             match world.meet_flat::<K>(&from.spawn(direction)) {
-                Some(met) => direct.extend(patches.patch_on_flat(met.primitive, met.place, met.front).map(|j| j.0)),
+                Some(met) => {
+                    if let Some(j) = patches.patch_on_flat(met.primitive, met.place, met.front) {
+                        direct.push(j.0);
+                        met_directly = Met::new(j.0, met.t < near);
+                    }
+                }
                 None => walks.escape(&Walked::default(), Rgb::WHITE),
             }
+            note_in_pairs(&mut pairs, (settings.in_pairs, is_second), met_directly);
             continue;
         }
         // Densities are per shadow ray, so that the shares do not depend on how many of either kind there are.
@@ -153,6 +174,7 @@ fn cast_row<K: Stages>(
                 if let Some(j) = patches.patch_at(at) {
                     if through == 0 {
                         direct.push(j.0);
+                        met_directly = Met::new(j.0, at.t < near);
                     } else {
                         specular.push((j.0, throughput));
                         walks.arrive(&walk, throughput);
@@ -172,6 +194,7 @@ fn cast_row<K: Stages>(
             Event::Truncated { throughput } => walks.truncate(&walk, throughput),
         });
         walks.add_light(&walk, || world.shading(&from).acceptance(direction));
+        note_in_pairs(&mut pairs, (settings.in_pairs, is_second), met_directly);
     }
     let share = 1.0 / f64::from(rays);
     direct.sort_unstable();
@@ -182,6 +205,17 @@ fn cast_row<K: Stages>(
             .chunk_by(|a, b| a.0 == b.0)
             .map(|same| (same[0].0, (same.iter().map(|e| e.1).sum::<Rgb>() * share).to_array().map(|v| v as f32)))
             .collect(),
+        pairs,
     };
     (row, walks.row(rays), counts)
+}
+
+/// Adds what a ray met to the pair that it belongs to, if pairs are kept.
+#[inline]
+fn note_in_pairs(pairs: &mut Vec<[Met; 2]>, (in_pairs, is_second): (bool, bool), met: Met) {
+    match pairs.last_mut() {
+        _ if !in_pairs => {}
+        Some(pair) if is_second => pair[1] = met,
+        _ => pairs.push([met, Met::NONE]),
+    }
 }

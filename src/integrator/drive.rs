@@ -127,6 +127,9 @@ pub fn drive(
     loop {
         integrator.look_at(&film);
         let (samples, pass_counts) = integrator.pass(frame, index);
+        if let Some(level) = integrator.level_of_earlier() {
+            film.scale_indirect(level);
+        }
         film.add_pass(index, &samples);
         counts += pass_counts;
         index += 1;

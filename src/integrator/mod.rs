@@ -26,7 +26,7 @@ pub use path_filter::PathFilter;
 
 use crate::film::PixelSample;
 use crate::geometry::Ray;
-use crate::math::{Sampler, SamplerKind, Vec2, sampler::mix};
+use crate::math::{Rgb, Sampler, SamplerKind, Vec2, sampler::mix};
 use crate::radiosity::{Interpolation, RadiosityField};
 use crate::scene::View;
 use crate::world::walk::RayCounts;
@@ -109,6 +109,11 @@ pub trait Integrator: Sync {
 
     /// What pass `index` finds in all pixels of `frame`, one sample in the mean, and the rays it costs.
     fn pass(&mut self, frame: &Frame, index: u32) -> (Vec<PixelSample>, RayCounts);
+
+    /// What the light between surfaces that all passes before the last one found has to be multiplied by, as better is known now; asked once after each pass.
+    fn level_of_earlier(&mut self) -> Option<Rgb> {
+        None
+    }
 
     /// What the passes to come depend on besides scene, settings and their index, as bytes that another process can go on from. What can
     /// be made again from less is not in it. Most methods need nothing.

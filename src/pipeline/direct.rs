@@ -208,7 +208,7 @@ pub(super) fn measure(
 ) -> (Vec<LampLight>, Option<Shown>) {
     let lights = lamps_apart(world);
     if lights.is_empty() {
-        return (Vec::new(), None);
+        return (Vec::new(), is_shown.then(|| Shown::none(patches.len())));
     }
     let apart = is_apart(world.partition());
     let n_lamps = if apart { lights.len() } else { 1 };

@@ -6,6 +6,7 @@ pub mod checkpoint;
 pub mod cost;
 pub mod direct;
 pub mod form_factor_table;
+mod groups;
 pub mod keys;
 mod lit_gltf;
 pub mod pass_one;
@@ -19,7 +20,7 @@ pub use checkpoint::{Checkpoint, CheckpointError};
 pub use cost::{StageCost, StageCosts};
 pub use direct::LampWeight;
 pub use lit_gltf::lit_gltf;
-pub use pass_one::{Kept, PassOne, PassOneSettings, Whole};
+pub use pass_one::{Kept, PassOne, PassOneSettings, Seen, Whole};
 
 use crate::accel::{AccelError, AccelKind};
 use crate::film::layer::Layer;

@@ -1,14 +1,16 @@
 //! Pass one: patches, their direct light, form factors, solution. View-independent.
 
-use super::direct::{self, DIRECT_POINTS, Lamp, LampLight, LampWeight};
-use super::shown::Shown;
+use super::direct::{self, DIRECT_POINTS, LampLight, LampWeight};
+use super::groups;
+pub use super::groups::LightGroup;
 use super::{PipelineError, adaptive, cost::StageCosts};
-use crate::form_factor::{FormFactorMethod, FormFactorSettings, FormFactors, OneChannel, Outside, Stored, memory, method};
-use crate::light::Light;
+use crate::form_factor::{
+    FormFactorMatrix, FormFactorMethod, FormFactorSettings, FormFactors, OneChannel, Outside, Stored, memory, method,
+};
 use crate::math::{Rgb, sampler::mix};
 use crate::patch::{PatchMesh, PatchSettings};
 use crate::progress::{Observer, Progress, Stage};
-use crate::radiosity::{self, Incident, RadiosityField, RadiositySystem, Solution, Solver, SolverSettings};
+use crate::radiosity::{Incident, RadiosityField, Solution, Solver, SolverSettings};
 use crate::world::World;
 use crate::world::walk::RayCounts;
 use serde::{Deserialize, Serialize};
@@ -39,9 +41,21 @@ pub struct PassOneSettings {
     /// solution has them.
     #[serde(skip)]
     pub virtual_rooms: Option<u32>,
-    /// Direct light by what far places see of a patch, rather than its mean: no kept solution has that.
+    /// Which light counts by what far places see of a patch, rather than by its mean; no kept solution has that.
     #[serde(skip)]
-    pub shown: bool,
+    pub seen: Seen,
+}
+
+/// Light that counts by what far places see of a patch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Seen {
+    /// None: all light of a patch has its mean.
+    #[default]
+    Nothing,
+    /// Light of lamps that shadow rays find.
+    Lamps,
+    /// That, and what patches send each other.
+    All,
 }
 
 impl Default for PassOneSettings {
@@ -55,7 +69,7 @@ impl Default for PassOneSettings {
             solver: SolverSettings::default(),
             extended: true,
             virtual_rooms: None,
-            shown: false,
+            seen: Seen::Nothing,
             by_light: false,
             max_memory: None,
         }
@@ -84,6 +98,7 @@ impl PassOneSettings {
             shadow_rays: DIRECT_POINTS,
             extended: self.extended,
             virtual_rooms: self.virtual_rooms,
+            in_pairs: self.seen == Seen::All,
             seed: mix(seed ^ 0x00f0_0f0f),
         }
     }
@@ -171,19 +186,6 @@ impl Whole {
 
 fn weight_of(name: &str, weights: &[LampWeight]) -> Rgb {
     weights.iter().filter(|w| !name.is_empty() && w.name == name).fold(Rgb::WHITE, |product, w| product * w.factor)
-}
-
-/// Part of the light: that of one lamp, or all of it.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub struct LightGroup {
-    /// The lamp; without a name it is light of several, which cannot be told apart.
-    pub lamp: Lamp,
-    /// Its place among the lamps that shadow rays find; `None` if it is none of them, or all.
-    pub shadow: Option<usize>,
-    /// Irradiance of each patch by emission that form factors find [W/m²]; empty: none.
-    pub gathered: Vec<Incident>,
-    /// Irradiance of each patch by light that patches have reflected [W/m²].
-    pub indirect: Vec<Rgb>,
 }
 
 /// A [`Solution`] without its irradiances.
@@ -285,8 +287,8 @@ pub fn solve_from(
     let lamps = kept.lamps.and_then(|lamps| direct::with_strengths_of(world, lamps));
     reused.lamps = lamps.is_some();
     let rays_beside = how.rays_beside_shadow_rays(world);
-    let measure = || direct::measure(world, &patches, (rays_beside, settings.shown), seed, counts);
-    let (lamps, shown) = watch.time(Stage::PatchDirect, || lamps.map_or_else(measure, |lamps| (lamps, None)));
+    let measure = || direct::measure(world, &patches, (rays_beside, settings.seen != Seen::Nothing), seed, counts);
+    let (lamps, mut shown) = watch.time(Stage::PatchDirect, || lamps.map_or_else(measure, |lamps| (lamps, None)));
     stop_if_asked(observer, Stage::PatchDirect)?;
     reused.form_factors = kept.form_factors.is_some();
     let compute = || method::build(world, &patches, &how, counts, observer);
@@ -298,8 +300,9 @@ pub fn solve_from(
     let (solution, groups) = match kept.solved {
         Some((summary, groups)) => (summary.with(Vec::new()), groups),
         None => watch.time(Stage::Solve, || {
-            let groups = groups(world, settings, (&patches, &form_factors, &outside), &lamps);
-            solve_groups(settings, (&patches, operator), groups, (&lamps, shown.as_ref()), observer)
+            let groups = groups::divide(world, settings, (&patches, &form_factors, &outside), &lamps);
+            let seen = shown.as_mut().map(|shown| (shown, form_factors.rows().and_then(FormFactorMatrix::pairs)));
+            groups::solve(world, settings, (&patches, operator), groups, (&lamps, seen), observer)
         })?,
     };
     let channels = match reused.solution {
@@ -338,101 +341,6 @@ fn assemble(patches: PatchMesh, lamps: &[LampLight], groups: &[LightGroup], scal
     RadiosityField::new(patches, shadow, gathered, indirect)
 }
 
-/// The light in groups, not solved yet: one of all, or, by lamp, one for each lamp that shadow rays find, one for each glowing shape, and
-/// one for what came by other ways than straight ones, of which nobody knows whose it is.
-fn groups(
-    world: &World,
-    settings: &PassOneSettings,
-    (patches, form_factors, outside): (&PatchMesh, &Stored, &Outside),
-    lamps: &[LampLight],
-) -> Vec<LightGroup> {
-    if !settings.by_light {
-        return vec![LightGroup {
-            gathered: gathered_irradiance(world, patches, form_factors, outside),
-            ..LightGroup::default()
-        }];
-    }
-    let mut groups: Vec<LightGroup> = lamps
-        .iter()
-        .enumerate()
-        .map(|(k, light)| LightGroup { lamp: light.lamp.clone(), shadow: Some(k), ..LightGroup::default() })
-        .collect();
-    let shapes = patches.shapes(world);
-    for (index, light) in world.scene().lights.iter().enumerate() {
-        let (Light::Area(area), Some(shape)) = (light, light.shape()) else { continue };
-        if world.partition().found_by_shadow_rays(area.shape as usize) {
-            continue;
-        }
-        let glowing: Vec<Rgb> =
-            patches.exitance.iter().zip(&shapes).map(|(e, s)| if *s == shape as usize { *e } else { Rgb::BLACK }).collect();
-        let mut walls = vec![Rgb::BLACK; patches.len()];
-        form_factors.gather_direct(&glowing, &mut walls);
-        let gathered = walls.into_iter().map(|h| Incident { irradiance: h, accepted: h }).collect();
-        groups.push(LightGroup { lamp: direct::lamp_of(world.scene(), index), gathered, ..LightGroup::default() });
-    }
-    let arriving: Vec<Incident> = (0..patches.len())
-        .map(|i| Incident { irradiance: outside.arriving(i) * PI, accepted: outside.accepted(i) * PI })
-        .collect();
-    if arriving.iter().any(|a| !a.irradiance.is_black()) {
-        groups.push(LightGroup { gathered: arriving, ..LightGroup::default() });
-    }
-    groups
-}
-
-/// Solves the groups one after the other; the solution is their sum.
-fn solve_groups(
-    settings: &PassOneSettings,
-    (patches, form_factors): (&PatchMesh, &dyn FormFactors),
-    mut groups: Vec<LightGroup>,
-    (lamps, shown): (&[LampLight], Option<&Shown>),
-    observer: &mut Observer<'_>,
-) -> Result<(Solution, Vec<LightGroup>), PipelineError> {
-    // Errors add up as the light does, but each channel of the mean has its own brightest group: three times at most.
-    let share = if groups.len() > 1 { 1.0 / 3.0 } else { 1.0 };
-    let solver = SolverSettings { tolerance: settings.solver.tolerance * share, ..settings.solver };
-    let mut whole: Option<Solution> = None;
-    for group in &mut groups {
-        let mut source = vec![Rgb::BLACK; patches.len()];
-        let shadow = match group.shadow {
-            Some(lamp) => std::slice::from_ref(&lamps[lamp]),
-            None if settings.by_light => &[],
-            None => lamps,
-        };
-        for incident in shadow.iter().map(|lamp| &lamp.incident).chain([&group.gathered]) {
-            source.iter_mut().zip(incident).for_each(|(source, h)| *source += h.accepted);
-        }
-        // What is taken back from patches near each other is of the light that they reflect.
-        let mut direct = source.clone();
-        if let Some(Shown { beyond_mean, returned }) = shown {
-            direct.iter_mut().zip(beyond_mean).for_each(|(direct, more)| *direct += *more);
-            source.iter_mut().zip(direct.iter().zip(returned)).for_each(|(source, (h, r))| *source = *h + *r);
-        }
-        let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source };
-        let solution = radiosity::solve(&system, &solver, observer)?;
-        group.indirect = solution.irradiance.iter().zip(&direct).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
-        whole = Some(match whole.take() {
-            None => solution,
-            Some(mut whole) => {
-                whole.irradiance.iter_mut().zip(&solution.irradiance).for_each(|(sum, h)| *sum += *h);
-                whole.sweeps += solution.sweeps;
-                whole.error_bound = whole.error_bound.max(solution.error_bound);
-                whole.spectral_bound = whole.spectral_bound.max(solution.spectral_bound);
-                whole.amplification = whole.amplification.max(solution.amplification);
-                whole.rooms = whole.rooms.max(solution.rooms);
-                whole.converged &= solution.converged;
-                whole
-            }
-        });
-    }
-    let dark = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source: vec![Rgb::BLACK; patches.len()] };
-    let mut whole = match whole {
-        Some(whole) => whole,
-        None => radiosity::solve(&dark, &solver, observer)?,
-    };
-    whole.error_bound /= share;
-    Ok((whole, groups))
-}
-
 /// Refuses a pass one that is expected not to fit, before a patch is made.
 ///
 /// # Errors
@@ -455,21 +363,6 @@ fn fits(patches: f64, how: &FormFactorSettings, limit: Option<u64>) -> Result<()
 
 fn stop_if_asked(observer: &mut Observer<'_>, stage: Stage) -> Result<(), PipelineError> {
     if observer(&Progress { stage, done: 1.0, total: 1.0 }).is_break() { Err(PipelineError::Stopped) } else { Ok(()) }
-}
-
-/// Irradiance of each patch by light that only form factors find: glowing walls, the surroundings, and any emitter seen through
-/// mirrors or glass.
-fn gathered_irradiance(world: &World, patches: &PatchMesh, form_factors: &Stored, outside: &Outside) -> Vec<Incident> {
-    let by_shadow_rays = patches.found_by_shadow_rays(world);
-    let exitance = patches.exitance.iter().zip(by_shadow_rays);
-    let glowing: Vec<Rgb> = exitance.map(|(e, by_shadow_rays)| if by_shadow_rays { Rgb::BLACK } else { *e }).collect();
-    let mut walls = vec![Rgb::BLACK; patches.len()];
-    form_factors.gather_direct(&glowing, &mut walls);
-    let incident = |(i, walls): (usize, Rgb)| Incident {
-        irradiance: walls + outside.arriving(i) * PI,
-        accepted: walls + outside.accepted(i) * PI,
-    };
-    walls.into_iter().enumerate().map(incident).collect()
 }
 
 fn balance(world: &World, field: &RadiosityField, outside: &Outside) -> PowerBalance {

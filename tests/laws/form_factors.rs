@@ -342,7 +342,7 @@ fn patches(world: &World, patch_size: f64) -> PatchMesh {
 }
 
 fn settings(method: FormFactorMethod, tolerance: f64) -> FormFactorSettings {
-    FormFactorSettings { method, tolerance, shadow_rays: 32.0, extended: true, virtual_rooms: None, seed: 1 }
+    FormFactorSettings { method, tolerance, shadow_rays: 32.0, extended: true, virtual_rooms: None, in_pairs: false, seed: 1 }
 }
 
 /// Polygons of a cube of half the size in the middle of a unit cube: six walls, then six faces.

@@ -27,7 +27,15 @@ fn furnished() -> (World, PatchMesh) {
 }
 
 fn form_factors((world, mesh): &(World, PatchMesh), method: FormFactorMethod, tolerance: f64) -> Stored {
-    let how = FormFactorSettings { method, tolerance, shadow_rays: 32.0, extended: true, virtual_rooms: None, seed: 5 };
+    let how = FormFactorSettings {
+        method,
+        tolerance,
+        shadow_rays: 32.0,
+        extended: true,
+        virtual_rooms: None,
+        in_pairs: false,
+        seed: 5,
+    };
     method::build(world, mesh, &how, &mut RayCounts::default(), &mut silent).expect("not stopped").0
 }
 

@@ -1,12 +1,13 @@
 //! Patches: area, cuts, and the six-patch cube through the whole of pass one.
 
-use crate::support::{Room, quick};
+use crate::support::{Room, quick, run};
 use glam::DVec3;
 use twopass::accel::AccelKind;
-use twopass::material::{Material, Texture};
+use twopass::film::Quantity;
+use twopass::material::{Material, MaterialId, Texture};
 use twopass::math::{Rgb, Sampler};
 use twopass::patch::{PatchId, PatchMesh, PatchSettings};
-use twopass::pipeline::solve;
+use twopass::pipeline::{PassOneSettings, Seen, solve};
 use twopass::progress::silent;
 use twopass::world::World;
 
@@ -134,7 +135,7 @@ fn a_patch_shows_its_open_part() {
     let solved = |size: f64, shown: bool| {
         let mut settings = quick(1, size);
         settings.pass_one.form_factor_tolerance = 0.005;
-        settings.pass_one.shown = shown;
+        settings.pass_one.seen = if shown { Seen::Lamps } else { Seen::Nothing };
         solve(room.scene(), &settings, &mut silent).expect("solves").pass_one
     };
     // Light that the ceiling gets from the floor, over its area.
@@ -156,28 +157,10 @@ fn a_patch_shows_its_open_part() {
 fn what_a_patch_does_not_show_is_not_given_to_what_lies_in_its_dark() {
     let mut room = Room::new(DVec3::new(0.9, 0.5, 0.0), DVec3::new(-1.0, 0.3, 0.0), 4);
     let [white, black] = [0.8, 0.0].map(|rho| room.grey(rho));
-    let reflectance = Texture::Constant(Rgb::grey(0.5));
-    let grey = room.material(Material::Diffuse { reflectance }, true);
-    room.walls(DVec3::new(-1.0, 0.0, -1.0), DVec3::ONE, [black, black, white, white, black, black], [0.0; 6]);
-    for x in [-1.0, -0.5, 0.0, 0.5] {
-        room.quad(DVec3::new(x, 0.01, -1.0), DVec3::Z * 2.0, DVec3::X * 0.25, grey, 0.0);
-    }
+    strips_in_grey(&mut room, [white, black]);
     room.point_light(DVec3::new(0.0, 0.7, 0.0), 1.0);
-    // Light that patches send to those that look down: the ceiling, and the dark sides of the strips.
-    let downwards = |size: f64, shown: bool| {
-        let mut settings = quick(1, size);
-        settings.pass_one.form_factor_tolerance = 0.005;
-        settings.pass_one.shown = shown;
-        let field = solve(room.scene(), &settings, &mut silent).expect("solves").pass_one.field;
-        let patches = &field.patches;
-        let middle = patches.centroid.iter().map(|c| c.y).sum::<f32>() / patches.len() as f32;
-        [true, false].map(|is_ceiling| {
-            let looks_down = (0..patches.len()).filter(|&i| patches.normal[i].y < -0.9);
-            let those = looks_down.filter(|&i| (patches.centroid[i].y > middle) == is_ceiling);
-            those.map(|i| patches.area[i] * field.indirect_irradiance[i].g).sum::<f64>()
-        })
-    };
-    let [fine, mean, shown] = [(0.08, false), (0.5, false), (0.5, true)].map(|(size, shown)| downwards(size, shown));
+    let [fine, mean, shown] =
+        [(0.08, Seen::Nothing), (0.5, Seen::Nothing), (0.5, Seen::Lamps)].map(|(size, seen)| downwards(&room, size, seen));
     // A third of what the means have wrong is left: light that patches send each other keeps its mean.
     for (place, k) in [("on the ceiling", 0), ("in the dark", 1)] {
         let (before, after) = (mean[k] - fine[k], shown[k] - fine[k]);
@@ -195,4 +178,73 @@ fn what_a_patch_does_not_show_is_not_given_to_what_lies_in_its_dark() {
             fine[k]
         );
     }
+}
+
+/// The same in light of a point, and in light that the ceiling alone reflects, where light that patches send each other counts by what is seen of it as well:
+/// next to nothing is wrong any more.
+#[test]
+fn a_patch_shows_its_open_part_of_what_patches_send_and_keeps_the_rest_in_the_dark() {
+    for by_patches in [false, true] {
+        let mut room = Room::new(DVec3::new(0.9, 0.5, 0.0), DVec3::new(-1.0, 0.3, 0.0), 4);
+        let [white, black] = [0.8, 0.0].map(|rho| room.grey(rho));
+        strips_in_grey(&mut room, [white, black]);
+        match by_patches {
+            true => room.quad(DVec3::new(-0.2, 0.6, -0.2), DVec3::Z * 0.4, DVec3::X * 0.4, black, 10.0),
+            false => room.point_light(DVec3::new(0.0, 0.7, 0.0), 1.0),
+        }
+        let [fine, mean, shown] =
+            [(0.08, Seen::Nothing), (0.5, Seen::Nothing), (0.5, Seen::All)].map(|(size, seen)| downwards(&room, size, seen));
+        assert!((mean[0] / fine[0] - 1.0).abs() > 0.1, "by the mean {mean:?}, where there is {fine:?}: the scene shows nothing");
+        assert!((shown[0] / fine[0] - 1.0).abs() < 0.04, "{shown:?} from one patch, {fine:?} from small ones");
+        let dark = (shown[1] - fine[1]) / (mean[1] - fine[1]);
+        assert!(dark.abs() < 0.2, "{shown:?} from one patch, {mean:?} by the mean, {fine:?} from small ones");
+    }
+}
+
+/// Walls of which the sides are white, and grey strips above the floor.
+fn strips_in_grey(room: &mut Room, [white, black]: [MaterialId; 2]) {
+    let reflectance = Texture::Constant(Rgb::grey(0.5));
+    let grey = room.material(Material::Diffuse { reflectance }, true);
+    room.walls(DVec3::new(-1.0, 0.0, -1.0), DVec3::ONE, [black, black, white, white, black, black], [0.0; 6]);
+    for x in [-1.0, -0.5, 0.0, 0.5] {
+        room.quad(DVec3::new(x, 0.01, -1.0), DVec3::Z * 2.0, DVec3::X * 0.25, grey, 0.0);
+    }
+}
+
+/// Light that patches send to those that look down: the ceiling, and the dark sides of the strips.
+fn downwards(room: &Room, size: f64, seen: Seen) -> [f64; 2] {
+    let mut settings = quick(1, size);
+    settings.pass_one.form_factor_tolerance = 0.01;
+    settings.pass_one.seen = seen;
+    let field = solve(room.scene(), &settings, &mut silent).expect("solves").pass_one.field;
+    let patches = &field.patches;
+    let middle = patches.centroid.iter().map(|c| c.y).sum::<f32>() / patches.len() as f32;
+    [true, false].map(|is_ceiling| {
+        let looks_down = (0..patches.len()).filter(|&i| patches.normal[i].y < -0.9);
+        let those = looks_down.filter(|&i| (patches.centroid[i].y > middle) == is_ceiling);
+        those.map(|i| patches.area[i] * field.indirect_irradiance[i].g).sum::<f64>()
+    })
+}
+
+/// A finer pass one brings the light between surfaces of the passes before it to its own level: the picture is not left with a share of what they had wrong.
+#[test]
+fn earlier_passes_follow_a_finer_pass_one() {
+    let mut room = Room::new(DVec3::new(0.9, 0.5, 0.0), DVec3::new(-1.0, 0.9, 0.0), 96);
+    let [white, black] = [0.8, 0.0].map(|rho| room.grey(rho));
+    room.walls(DVec3::new(-1.0, 0.0, -1.0), DVec3::ONE, [black, black, white, white, black, black], [0.0; 6]);
+    for k in 0..16 {
+        room.quad(DVec3::new(-1.0 + 0.125 * f64::from(k), 0.003, -1.0), DVec3::Z * 2.0, DVec3::X * 0.0625, black, 0.0);
+    }
+    room.quad(DVec3::new(-0.2, 0.6, -0.2), DVec3::Z * 0.4, DVec3::X * 0.4, black, 10.0);
+    let indirect = |spp: u32| {
+        let mut settings = quick(spp, 1.0);
+        settings.pass_one = PassOneSettings::default();
+        let rendered = run(room.scene(), &settings);
+        let light = rendered.film.quantity_image(Quantity::Indirect);
+        light.pixels().iter().map(|p| f64::from(p[1])).sum::<f64>()
+    };
+    // The second finer pass one comes with the 127th pass.
+    let [before, after, later] = [126, 127, 190].map(indirect);
+    assert!((before / later - 1.0).abs() > 0.03, "{before} before, {later} later: the scene shows nothing");
+    assert!((after - later).abs() < 0.25 * (before - later).abs(), "{before} before, {after} after, {later} later");
 }
