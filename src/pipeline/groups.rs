@@ -14,8 +14,10 @@ use crate::world::World;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Tolerance of a solution that only tells what is seen of light, over that of the other.
-const FIRST_TOLERANCE: f64 = 10.0;
+/// Bounces of light after which the rest is told from the last two: enough to know what is seen of light, some per cent of it.
+const BOUNCES: u32 = 6;
+/// Most of the light of a bounce that the next one is taken to keep.
+const MOST_KEPT: f64 = 0.99;
 
 /// Part of the light: that of one lamp, or all of it.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -98,29 +100,25 @@ pub(super) fn solve(
         if let Some((shown, _)) = &seen {
             direct.iter_mut().zip(&shown.beyond_mean).for_each(|(direct, more)| *direct += *more);
         }
-        let solve = |direct: &[Rgb], shown: Option<&Shown>, solver: &SolverSettings, observer: &mut Observer<'_>| {
+        // What is taken back from patches near each other is of the light that they reflect.
+        let system_of = |direct: &[Rgb], shown: Option<&Shown>| {
             let mut source = direct.to_vec();
-            // What is taken back from patches near each other is of the light that they reflect.
             if let Some(shown) = shown {
                 source.iter_mut().zip(&shown.returned).for_each(|(source, returned)| *source += *returned);
             }
-            let system = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source };
-            radiosity::solve(&system, solver, observer)
+            RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source }
         };
-        // A first solution tells what is seen of it: some per cent of the light, by rays.
-        let is_first = matches!(seen, Some((_, Some(_))));
-        let first = SolverSettings { tolerance: if is_first { FIRST_TOLERANCE } else { 1.0 } * solver.tolerance, ..solver };
-        let mut solution = solve(&direct, seen.as_ref().map(|(shown, _)| &**shown), &first, observer)?;
+        let mut bounces = 0;
         if let Some((shown, Some(pairs))) = &mut seen {
-            // One step is enough: the next would change what the first has changed by some tenth.
-            let leaving = leaving(world, patches, &solution.irradiance);
-            let more = Shown::by_patches(patches, pairs, &leaving);
+            // Once is enough: with what it changes it would change by some tenth of that.
+            let irradiance = after_bounces(&system_of(&direct, Some(shown)));
+            bounces = BOUNCES;
+            let more = Shown::by_patches(patches, pairs, &leaving(world, patches, &irradiance));
             direct.iter_mut().zip(&more.beyond_mean).for_each(|(direct, more)| *direct += *more);
             shown.add(&more);
-            let sweeps = solution.sweeps;
-            solution = solve(&direct, Some(shown), &solver, observer)?;
-            solution.sweeps += sweeps;
         }
+        let mut solution = radiosity::solve(&system_of(&direct, seen.as_ref().map(|(shown, _)| &**shown)), &solver, observer)?;
+        solution.sweeps += bounces;
         group.indirect = solution.irradiance.iter().zip(&direct).map(|(h, s)| (*h - *s).map(|v| v.max(0.0))).collect();
         whole = Some(match whole.take() {
             None => solution,
@@ -143,6 +141,25 @@ pub(super) fn solve(
     };
     whole.error_bound /= share;
     Ok((whole, groups))
+}
+
+/// Irradiance after some bounces, with what more of them would bring in each channel if each were to the last as that was to the one before
+fn after_bounces(system: &RadiositySystem<'_>) -> Vec<Rgb> {
+    let (mut irradiance, mut last) = (system.source.clone(), system.source.clone());
+    let mut bounce = vec![Rgb::BLACK; system.len()];
+    let total = |light: &[Rgb]| light.iter().zip(system.area).map(|(h, area)| *h * *area).sum::<Rgb>();
+    let mut ratio = Rgb::BLACK;
+    for _ in 0..BOUNCES {
+        system.reflect(&last, &mut bounce);
+        irradiance.iter_mut().zip(&bounce).for_each(|(h, more)| *h += *more);
+        let (now, before) = (total(&bounce), total(&last));
+        let over = |now: f64, before: f64| if before > 0.0 { (now / before).clamp(0.0, MOST_KEPT) } else { 0.0 };
+        ratio = Rgb::new(over(now.r, before.r), over(now.g, before.g), over(now.b, before.b));
+        std::mem::swap(&mut last, &mut bounce);
+    }
+    let more = ratio.map(|q| q / (1.0 - q));
+    irradiance.iter_mut().zip(&last).for_each(|(h, last)| *h += *last * more);
+    irradiance
 }
 
 /// Radiosity of each patch that form factors find, by its irradiance; emission that shadow rays find is none of it.
