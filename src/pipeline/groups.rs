@@ -111,7 +111,7 @@ pub(super) fn solve(
         let mut bounces = 0;
         if let Some((shown, Some(pairs))) = &mut seen {
             // Once is enough: with what it changes it would change by some tenth of that.
-            let irradiance = after_bounces(&system_of(&direct, Some(shown)));
+            let irradiance = after_bounces(&system_of(&direct, Some(shown)), patches);
             bounces = BOUNCES;
             let more = Shown::by_patches(patches, pairs, &leaving(world, patches, &irradiance));
             direct.iter_mut().zip(&more.beyond_mean).for_each(|(direct, more)| *direct += *more);
@@ -144,10 +144,12 @@ pub(super) fn solve(
 }
 
 /// Irradiance after some bounces, with what more of them would bring in each channel if each were to the last as that was to the one before
-fn after_bounces(system: &RadiositySystem<'_>) -> Vec<Rgb> {
+fn after_bounces(system: &RadiositySystem<'_>, patches: &PatchMesh) -> Vec<Rgb> {
     let (mut irradiance, mut last) = (system.source.clone(), system.source.clone());
     let mut bounce = vec![Rgb::BLACK; system.len()];
-    let total = |light: &[Rgb]| light.iter().zip(system.area).map(|(h, area)| *h * *area).sum::<Rgb>();
+    // Light that cannot count in the picture decides nothing.
+    let counting = || (0..system.len()).filter(|i| !patches.is_idle(*i));
+    let total = |light: &[Rgb]| counting().map(|i| light[i] * system.area[i]).sum::<Rgb>();
     let mut ratio = Rgb::BLACK;
     for _ in 0..BOUNCES {
         system.reflect(&last, &mut bounce);
