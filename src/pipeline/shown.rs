@@ -12,7 +12,7 @@
 //! returned_j = sum_i rho_i A_i / (A_j n_i) sum over the points k of i that met j of (D_k - shown_i).
 //!
 //! Light that patches send each other is seen in the same way, by pairs of rays from one point ([`RayPairs`]): a ray that brings light from a
-//! patch counts by whether the other of its pair looks far. The solution is found once with the means, and once more with these corrections.
+//! patch counts by whether the other of its pair looks far. A few bounces tell the light that these corrections are of, before it is solved.
 
 use crate::form_factor::RayPairs;
 use crate::math::{Frame, Rgb, Sampler, sampler::mix, warp};
