@@ -143,7 +143,7 @@ pub(super) fn solve(
     Ok((whole, groups))
 }
 
-/// Irradiance after some bounces, with what more of them would bring in each channel if each were to the last as that was to the one before
+/// Irradiance after some bounces, with what more of them would bring in each channel if each were to the last as that was to the one before.
 fn after_bounces(system: &RadiositySystem<'_>, patches: &PatchMesh) -> Vec<Rgb> {
     let (mut irradiance, mut last) = (system.source.clone(), system.source.clone());
     let mut bounce = vec![Rgb::BLACK; system.len()];

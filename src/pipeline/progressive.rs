@@ -36,7 +36,7 @@ const GROWTH: f64 = 4.0;
 const TOLERANCE_POWER: f64 = 0.125;
 /// From so many elements on, and in furnished rooms from the first, light between patches counts by what is seen of it, too. In rooms of few things the noise of
 /// few rays and the width of few patches are worse than what means have wrong: with it from the first, `door-ajar` errs by 13 to 27 % more (relMSE) up to 10 CPU s.
-const ELEMENTS_ALL_SEEN: f64 = 4.0 * 1024.0;
+const ELEMENTS_ALL_SEEN: f64 = 4096.0;
 /// No finer pass one than this is made, unless the user asks for one.
 const MOST_ELEMENTS: f64 = 65536.0;
 /// Share of all rays so far that a new pass one may cost.
