@@ -7,7 +7,8 @@
 //! stored, how much more has it found of the light? M and Z become the same as samples are added, so that the little that is wrong by
 //! taking g from the same samples vanishes faster than the noise.
 
-use super::{Film, ROUNDING, filter};
+use super::neighbours::sums_around;
+use super::{Film, ROUNDING};
 use crate::math::Rgb;
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
@@ -96,7 +97,7 @@ impl Control {
             alone[i] = ((known * known).mean() * weight) as f32;
         }
         let size = [film.width, film.height];
-        let (both, alone) = (filter::around(size, &both, AROUND), filter::around(size, &alone, AROUND));
+        let (both, alone) = (sums_around(size, &both, AROUND), sums_around(size, &alone, AROUND));
         let gain = |(both, alone): (&f32, &f32)| {
             let gain = (both + PRIOR * alone) / ((1.0 + PRIOR) * alone);
             if gain.is_finite() { gain.clamp(0.0, 1.0) } else { 1.0 }

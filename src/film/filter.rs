@@ -7,6 +7,7 @@
 //! mixed: the filter does less and less, and what it does wrong stays within a multiple of the noise. Colours are divided by the albedo
 //! seen; differences of albedo, normal and depth count as well.
 
+use super::neighbours::sums_around;
 use super::{Film, Quantity};
 use crate::math::Rgb;
 use rayon::prelude::*;
@@ -132,7 +133,7 @@ impl Pixels {
         if film.passes.contains(&0) {
             (own, known) = pixels.spread();
         }
-        let (own, known) = (around([width, height], &own, AROUND), around([width, height], &known, AROUND));
+        let (own, known) = (sums_around([width, height], &own, AROUND), sums_around([width, height], &known, AROUND));
         for i in 0..n {
             let variance = own[i] / known[i].max(LEAST_KNOWN) / film.n_samples(i) as f32;
             pixels.width2[i] = 2.0 * BANDWIDTH * BANDWIDTH * variance;
@@ -322,22 +323,6 @@ fn shifted(range: &Range<usize>, by: isize) -> Range<usize> {
 
 fn add_weighted(total: &mut [f32], values: &[f32], weights: &[f32]) {
     total.iter_mut().zip(values).zip(weights).for_each(|((total, value), weight)| *total += weight * value);
-}
-
-/// Sums over the pixels at most `reach` away in each direction.
-pub(super) fn around([width, height]: [usize; 2], values: &[f32], reach: usize) -> Plane {
-    let near = |i: usize, n: usize| i.saturating_sub(reach)..(i + reach + 1).min(n);
-    let mut across = vec![0.0; width * height];
-    for (sums, row) in across.chunks_mut(width).zip(values.chunks(width)) {
-        sums.iter_mut().enumerate().for_each(|(x, sum)| *sum = row[near(x, width)].iter().sum());
-    }
-    let mut sums = vec![0.0; width * height];
-    for (y, sums) in sums.chunks_mut(width).enumerate() {
-        for row in across.chunks(width).skip(near(y, height).start).take(near(y, height).len()) {
-            sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-        }
-    }
-    sums
 }
 
 #[cfg(test)]

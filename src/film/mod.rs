@@ -11,6 +11,7 @@ pub mod io;
 pub mod layer;
 pub mod lock;
 mod mask;
+pub mod neighbours;
 pub mod tone_map;
 
 pub use control::Beforehand;

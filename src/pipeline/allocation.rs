@@ -6,6 +6,7 @@
 //! some of them is a bias of second order that vanishes with the number of samples.
 
 use crate::film::Film;
+use crate::film::neighbours::means_around;
 use crate::integrator::{Frame, Looked, PassPlan};
 use crate::math::{Rgb, sampler::mix};
 use serde::{Deserialize, Serialize};
@@ -170,17 +171,10 @@ impl Allocation {
     }
 }
 
-/// Mean over the pixels at most `radius` away in each direction.
-fn smooth([width, height]: [usize; 2], radius: usize, value: impl Fn(usize) -> f32) -> Vec<f32> {
-    let around = |i: usize, n: usize| i.saturating_sub(radius)..(i + radius + 1).min(n);
-    let values: Vec<f32> = (0..width * height).map(value).collect();
-    let mean = |range: std::ops::Range<usize>, at: &dyn Fn(usize) -> f32| {
-        let n = range.len() as f32;
-        range.map(at).sum::<f32>() / n
-    };
-    let across: Vec<f32> =
-        (0..width * height).map(|i| mean(around(i % width, width), &|x| values[i / width * width + x])).collect();
-    (0..width * height).map(|i| mean(around(i / width, height), &|y| across[y * width + i % width])).collect()
+/// Mean of a value over the pixels at most `radius` away in each direction.
+fn smooth(size: [usize; 2], radius: usize, value: impl Fn(usize) -> f32) -> Vec<f32> {
+    let values: Vec<f32> = (0..size[0] * size[1]).map(value).collect();
+    means_around(size, &values, radius)
 }
 
 /// Of the values of a picture, the part of the mean square that neighbours share: what is independent from pixel to pixel falls, in the mean
@@ -189,7 +183,7 @@ fn shared_square(size: [usize; 2], value: impl Fn(usize) -> f32) -> f64 {
     let n = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
     let mean_square = |v: &[f32]| v.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>() / v.len().max(1) as f64;
     let values: Vec<f32> = (0..size[0] * size[1]).map(value).collect();
-    let (all, smooth) = (mean_square(&values), mean_square(&smooth(size, RADIUS, |i| values[i])));
+    let (all, smooth) = (mean_square(&values), mean_square(&means_around(size, &values, RADIUS)));
     ((smooth - all / n) / (1.0 - 1.0 / n)).clamp(0.0, all)
 }
 
