@@ -58,6 +58,11 @@ impl Walks {
         self.leave(walk, throughput);
     }
 
+    /// True if any found light, or was cut before it could.
+    pub fn has_light(&self) -> bool {
+        !self.arriving.is_black() || !self.truncated.is_black()
+    }
+
     fn leave(&mut self, walk: &Walked, throughput: Rgb) {
         if walk.has_met_patch {
             self.passed_out += throughput;

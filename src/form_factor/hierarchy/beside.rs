@@ -66,13 +66,18 @@ struct Seen {
     rays: u32,
 }
 
-/// A group's rays, summed.
+/// A group's rays, summed; by either way where there are two.
 #[derive(Debug, Clone, Default)]
 struct Cast {
-    seen: Seen,
-    entries: [Vec<(u32, [f32; 3])>; 2],
-    /// Variance of the mean of what arrived by either way, averaged over channels [W² m⁻⁴ sr⁻²].
-    noise: [f64; 2],
+    rays: u32,
+    /// Rays that met no patch first.
+    elsewhere: u32,
+    walks: [Walks; 2],
+    /// What arrived by each patch, in the order of patches.
+    entries: [Vec<(u32, Rgb)>; 2],
+    /// Light found, averaged over channels, and its square.
+    light: [f64; 2],
+    squared: [f64; 2],
     counts: RayCounts,
 }
 
@@ -98,8 +103,9 @@ impl Beside {
             }
         }
         let branches = Branches::new(&visited);
+        let casting = Casting { world, patches, tree, settings };
         let all = |groups: &[usize], rays: u32, seed: u64| -> Vec<Cast> {
-            groups.par_iter().map(|&at| cast_group(world, patches, tree, at, rays, seed, settings)).collect()
+            groups.par_iter().map(|&at| casting.cast(at, rays, seed)).collect()
         };
         let mut found = Vec::with_capacity(groups.len());
         // Where the first groups find light none of their scouts counts.
@@ -110,39 +116,31 @@ impl Beside {
         found.iter().for_each(|cast| *counts += cast.counts);
         if found.iter().any(Cast::has_light) && settings.rays > SCOUTS {
             found = all(&groups, settings.rays, mix(settings.seed));
-            found.iter().for_each(|cast| *counts += cast.counts);
             // As many rays again go where light came by few of them; not to the very groups that it came to, of which those that were
             // lucky would lose what they found, and the others gain nothing.
-            let noise: Vec<f64> = found.iter().map(|cast| cast.noise.iter().sum()).collect();
+            let noise: Vec<f64> = found.iter().map(|cast| cast.noise().iter().sum()).collect();
             let noise = branches.pool(&noise, POOLED);
             let spread: Vec<f64> = groups.iter().zip(&noise).map(|(&at, noise)| (tree.nodes[at].area * noise).sqrt()).collect();
             let more = more_rays(&spread);
-            let again: Vec<(usize, Cast)> = more
-                .par_iter()
-                .enumerate()
-                .filter(|(_, times)| **times > 1)
-                .map(|(g, times)| {
-                    let rays = settings.rays.saturating_mul(*times);
-                    (g, cast_group(world, patches, tree, groups[g], rays, mix(settings.seed), settings))
-                })
-                .collect();
-            for (g, cast) in again {
-                *counts += cast.counts;
-                found[g] = cast;
-            }
+            found.par_iter_mut().zip(&groups).zip(&more).filter(|(_, times)| **times > 1).for_each(|((cast, &at), times)| {
+                casting.go_on(cast, at, settings.rays.saturating_mul(*times), mix(settings.seed));
+            });
+            found.iter().for_each(|cast| *counts += cast.counts);
         }
         let area: Vec<f64> = groups.iter().map(|&at| tree.nodes[at].area).collect();
-        draw_together(&branches, &area, &mut found);
         let finds_light = found.iter().any(Cast::has_light);
-        let mut beside = Self { group, finds_light, weight: vec![0.0; tree.patch.len()], ..Self::default() };
+        let mut seen: Vec<Seen> = found.iter().map(Cast::seen).collect();
+        let noise: Vec<[f64; 2]> = found.iter().map(Cast::noise).collect();
+        draw_together(&branches, &area, &noise, &mut seen);
+        let mut beside = Self { group, finds_light, weight: vec![0.0; tree.patch.len()], seen, ..Self::default() };
         beside.rows.iter_mut().for_each(|rows| rows.start.push(0));
         for cast in found {
+            let share = 1.0 / f64::from(cast.rays);
             for (rows, entries) in beside.rows.iter_mut().zip(&cast.entries) {
                 rows.column.extend(entries.iter().map(|e| e.0));
-                rows.factor.extend(entries.iter().map(|e| e.1));
+                rows.factor.extend(entries.iter().map(|e| (e.1 * share).to_array().map(|v| v as f32)));
                 rows.start.push(rows.column.len());
             }
-            beside.seen.push(cast.seen);
         }
         beside
     }
@@ -263,8 +261,19 @@ impl Beside {
 impl Cast {
     /// True if there is more than patches, and the dark beyond them.
     fn has_light(&self) -> bool {
-        let lit = self.seen.parts.iter().any(|part| !part.arriving.is_black() || part.truncated != [0.0; 3]);
-        lit || self.entries.iter().any(|e| !e.is_empty())
+        self.walks.iter().any(Walks::has_light) || self.entries.iter().any(|e| !e.is_empty())
+    }
+
+    /// What the rays saw, as shares of them.
+    fn seen(&self) -> Seen {
+        let elsewhere = f64::from(self.elsewhere) / f64::from(self.rays);
+        Seen { elsewhere, parts: self.walks.map(|walks| walks.row(self.rays)), rays: self.rays }
+    }
+
+    /// Variance of the mean of what arrived by either way, averaged over channels [W² m⁻⁴ sr⁻²].
+    fn noise(&self) -> [f64; 2] {
+        let share = 1.0 / f64::from(self.rays);
+        [0, 1].map(|way| (self.squared[way] * share - (self.light[way] * share).powi(2)).max(0.0) * share)
     }
 }
 
@@ -277,24 +286,24 @@ fn likely(found: f64, rays: f64) -> [f64; 2] {
 }
 
 /// Light that came to few groups by few rays is spread over those around them.
-fn draw_together(branches: &Branches, area: &[f64], found: &mut [Cast]) {
+fn draw_together(branches: &Branches, area: &[f64], noise: &[[f64; 2]], found: &mut [Seen]) {
     for way in 0..2 {
-        let estimate = |(cast, area): (&Cast, &f64)| {
-            let row = &cast.seen.parts[way];
+        let estimate = |((seen, area), noise): ((&Seen, &f64), &[f64; 2])| {
+            let row = &seen.parts[way];
             let light = [row.arriving, row.accepted, row.arriving_again].map(Rgb::to_array);
             // Where no ray went past patches nothing can come that way, and what would be put there would be lost.
-            let is_open = way == 1 || cast.seen.elsewhere > 0.0;
+            let is_open = way == 1 || seen.elsewhere > 0.0;
             Estimate {
                 mean: std::array::from_fn::<f64, 9, _>(|k| light[k / 3][k % 3]),
                 level: row.arriving.mean(),
-                variance: cast.noise[way],
+                variance: noise[way],
                 area: if is_open { *area } else { 0.0 },
             }
         };
-        let groups: Vec<Estimate<9>> = found.iter().zip(area).map(estimate).collect();
-        for (cast, (mean, group)) in found.iter_mut().zip(branches.shrink(&groups).into_iter().zip(&groups)) {
+        let groups: Vec<Estimate<9>> = found.iter().zip(area).zip(noise).map(estimate).collect();
+        for (seen, (mean, group)) in found.iter_mut().zip(branches.shrink(&groups).into_iter().zip(&groups)) {
             if group.area > 0.0 {
-                let row = &mut cast.seen.parts[way];
+                let row = &mut seen.parts[way];
                 let light = |k: usize| Rgb::new(mean[3 * k], mean[3 * k + 1], mean[3 * k + 2]).map(|v| v.max(0.0));
                 (row.arriving, row.accepted, row.arriving_again) = (light(0), light(1), light(2));
             }
@@ -313,7 +322,7 @@ fn more_rays(spread: &[f64]) -> Vec<u32> {
     if largest <= 0.0 {
         return vec![1; spread.len()];
     }
-    // One that is cast again is cast from the start.
+    // Of one that gets more all rays count, those that it had as well.
     let again = |per_spread: f64| times(per_spread).iter().filter(|t| **t > 1).map(|t| f64::from(*t)).sum::<f64>();
     // With the first none has more than it had. The factor between is sought by its logarithm.
     let (mut low, mut high) = (1.0 / largest, 1e12 / largest);
@@ -324,86 +333,89 @@ fn more_rays(spread: &[f64]) -> Vec<u32> {
     times(low)
 }
 
-/// Rays of the group at node `at`; `rays` for one of the full area.
-fn cast_group(
-    world: &World,
-    patches: &PatchMesh,
-    tree: &Tree,
-    at: usize,
-    rays: u32,
-    seed: u64,
-    settings: &HierarchySettings,
-) -> Cast {
-    let node = &tree.nodes[at];
-    let (first, last) = (node.first as usize, (node.first + node.count) as usize);
-    let before = if first == 0 { 0.0 } else { tree.running[first - 1] };
-    let mut cast = Cast::default();
-    let mut sums = [Walks::default(); 2];
-    let mut entries: [Vec<(u32, Rgb)>; 2] = Default::default();
-    let mut elsewhere = 0_u32;
-    let (mut light, mut squared) = ([0.0; 2], [0.0; 2]);
-    for k in 0..rays {
-        let mut sampler = Sampler::new(seed, u64::from(tree.patch[first]), u64::from(k));
-        let (on_patch, towards) = (sampler.next_2d(), sampler.next_2d());
-        let target = before + f64::from(sampler.next_1d()) * (tree.running[last - 1] - before);
-        let place = first + tree.running[first..last].partition_point(|&a| a <= target).min(last - first - 1);
-        let from = patches.sample(world, PatchId(tree.patch[place]), on_patch);
-        let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(towards));
-        cast.counts.form_factor += 1;
-        let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
-        let sight =
-            Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling: DirectSampling::OF_PATCHES });
-        let mut walk = Walked::default();
-        // 0: past what is no patch; 1: off a patch.
-        let mut way = 0;
-        let counts = &mut cast.counts;
-        world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, counts, |event| match event {
-            Event::Surface { at, throughput, through, emission_share, .. } => {
-                let has_patch = patches.has_patch_at(at);
-                if through == 0 {
-                    way = usize::from(has_patch);
-                } else {
-                    if let Some(j) = patches.patch_at(at) {
-                        entries[way].push((j.0, throughput));
-                        sums[way].arrive(&walk, throughput);
-                    }
-                    if at.front {
-                        walk.find(throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share);
-                    }
-                }
-                if has_patch {
-                    walk.meet_patch();
-                }
-            }
-            Event::Lit { radiance, .. } => walk.find(radiance),
-            Event::Escaped { direction, throughput, share, .. } => {
-                sums[way].escape(&walk, throughput);
-                walk.find(throughput * world.scene().escaped_radiance(direction) * share);
-            }
-            Event::Truncated { throughput } => sums[way].truncate(&walk, throughput),
-        });
-        elsewhere += u32::from(way == 0);
-        let found = sums[way].add_light(&walk, || world.shading(&from).acceptance(direction)).mean();
-        light[way] += found;
-        squared[way] += found * found;
+/// What rays of groups are cast through.
+struct Casting<'a> {
+    world: &'a World,
+    patches: &'a PatchMesh,
+    tree: &'a Tree,
+    settings: &'a HierarchySettings,
+}
+
+impl Casting<'_> {
+    /// The first `rays` rays of the group at node `at`.
+    fn cast(&self, at: usize, rays: u32, seed: u64) -> Cast {
+        let mut cast = Cast::default();
+        self.go_on(&mut cast, at, rays, seed);
+        cast
     }
-    let share = 1.0 / f64::from(rays);
-    cast.noise = [0, 1].map(|way| (squared[way] * share - (light[way] * share).powi(2)).max(0.0) * share);
-    let narrow = |v: Rgb| (v * share).to_array().map(|v| v as f32);
-    cast.seen.elsewhere = f64::from(elsewhere) * share;
-    cast.seen.rays = rays;
-    cast.seen.parts = sums.map(|s| s.row(rays));
-    cast.entries = entries.map(|mut found| {
-        found.sort_by_key(|e| e.0);
-        let sum = |same: &[(u32, Rgb)]| (same[0].0, narrow(same.iter().map(|e| e.1).sum::<Rgb>()));
-        found.chunk_by(|a, b| a.0 == b.0).map(sum).collect()
-    });
-    cast
+
+    /// Further rays of the group at node `at`, up to `rays` of them in all.
+    fn go_on(&self, cast: &mut Cast, at: usize, rays: u32, seed: u64) {
+        let Self { world, patches, tree, settings } = *self;
+        let node = &tree.nodes[at];
+        let (first, last) = (node.first as usize, (node.first + node.count) as usize);
+        let before = if first == 0 { 0.0 } else { tree.running[first - 1] };
+        for k in cast.rays..rays {
+            let mut sampler = Sampler::new(seed, u64::from(tree.patch[first]), u64::from(k));
+            let (on_patch, towards) = (sampler.next_2d(), sampler.next_2d());
+            let target = before + f64::from(sampler.next_1d()) * (tree.running[last - 1] - before);
+            let place = first + tree.running[first..last].partition_point(|&a| a <= target).min(last - first - 1);
+            let from = patches.sample(world, PatchId(tree.patch[place]), on_patch);
+            let direction = Frame::new(from.ng).to_world(warp::cosine_hemisphere(towards));
+            cast.counts.form_factor += 1;
+            let density = cosine_density(settings.rays_beside_shadow_rays, direction.dot(from.ng));
+            let sampling = DirectSampling::OF_PATCHES;
+            let sight = Sight::Gather(Origin { point: from.point, receiver: Some(from.ng), density, sampling });
+            let mut walk = Walked::default();
+            // 0: past what is no patch; 1: off a patch.
+            let mut way = 0;
+            let Cast { walks, entries, counts, .. } = cast;
+            world.follow(from.spawn(direction), sight, &mut sampler, settings.max_events, counts, |event| match event {
+                Event::Surface { at, throughput, through, emission_share, .. } => {
+                    let has_patch = patches.has_patch_at(at);
+                    if through == 0 {
+                        way = usize::from(has_patch);
+                    } else {
+                        if let Some(j) = patches.patch_at(at) {
+                            entries[way].push((j.0, throughput));
+                            walks[way].arrive(&walk, throughput);
+                        }
+                        if at.front {
+                            walk.find(throughput * world.scene().shapes[at.shape as usize].emitted(at.uv) * emission_share);
+                        }
+                    }
+                    if has_patch {
+                        walk.meet_patch();
+                    }
+                }
+                Event::Lit { radiance, .. } => walk.find(radiance),
+                Event::Escaped { direction, throughput, share, .. } => {
+                    walks[way].escape(&walk, throughput);
+                    walk.find(throughput * world.scene().escaped_radiance(direction) * share);
+                }
+                Event::Truncated { throughput } => walks[way].truncate(&walk, throughput),
+            });
+            cast.elsewhere += u32::from(way == 0);
+            let found = cast.walks[way].add_light(&walk, || world.shading(&from).acceptance(direction)).mean();
+            cast.light[way] += found;
+            cast.squared[way] += found * found;
+        }
+        cast.rays = cast.rays.max(rays);
+        for entries in &mut cast.entries {
+            entries.sort_by_key(|e| e.0);
+            let sum = |same: &[(u32, Rgb)]| (same[0].0, same.iter().map(|e| e.1).sum::<Rgb>());
+            *entries = entries.chunk_by(|a, b| a.0 == b.0).map(sum).collect();
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accel::AccelKind;
+    use crate::math::DVec3;
+    use crate::patch::PatchSettings;
+    use crate::stability::rooms::Room;
 
     /// Two patches of one group, of areas 1 and 3, whose rays go elsewhere in this share: what their rows have left for it.
     fn goes(elsewhere: f64, finds_light: bool, linked: [f64; 2]) -> [f64; 2] {
@@ -429,6 +441,33 @@ mod tests {
         // A mean of 0.15 is 16 standard errors off: their ratio is kept, but for the hundredth that rays have a say in.
         let [a, b] = goes(0.5, true, [0.8, 1.0 - 2.0 / 15.0]);
         assert!((0.25 * a + 0.75 * b - 0.5).abs() < 1e-12 && (a / b - 1.5).abs() < 0.02, "{a} and {b}");
+    }
+
+    /// A room with a glowing ceiling and a mirror for a wall: rays that are cast in two turns see what they see in one.
+    #[test]
+    fn a_group_goes_on_where_it_ended() {
+        let mut room = Room::new(DVec3::new(0.1, 0.2, 0.3), DVec3::ONE, 4);
+        let grey = room.grey(0.5);
+        room.walls(DVec3::ZERO, DVec3::ONE, grey, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        room.source.shapes[0].material = room.mirror(0.9);
+        let world = World::new(room.scene().expect("valid"), AccelKind::default()).expect("built");
+        let size = PatchSettings { patch_size: Some(0.5), ..PatchSettings::default() };
+        let patches = PatchMesh::build(&world, &size).expect("not too many");
+        let settings = HierarchySettings::for_tolerance(1e-3, 32.0, 3);
+        let tree = Tree::new(&world, &patches);
+        let casting = Casting { world: &world, patches: &patches, tree: &tree, settings: &settings };
+        for leaf in (0..tree.nodes.len()).filter(|&at| tree.nodes[at].is_leaf()) {
+            let whole = casting.cast(leaf, 256, 7);
+            let mut parts = casting.cast(leaf, 64, 7);
+            casting.go_on(&mut parts, leaf, 256, 7);
+            assert!(whole.elsewhere > 0 && whole.entries[0].len() > 1, "node {leaf} sees no mirror");
+            assert_eq!((parts.rays, parts.elsewhere, parts.counts.form_factor), (256, whole.elsewhere, 256), "node {leaf}");
+            let close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs();
+            assert!((0..2).all(|way| close(parts.noise()[way], whole.noise()[way])), "node {leaf}");
+            assert_eq!(parts.entries[0].len(), whole.entries[0].len(), "node {leaf}");
+            let same = parts.entries[0].iter().zip(&whole.entries[0]).all(|(a, b)| a.0 == b.0 && close(a.1.g, b.1.g));
+            assert!(same, "node {leaf}: {:?}, at once {:?}", parts.entries[0], whole.entries[0]);
+        }
     }
 
     #[test]

@@ -6,8 +6,8 @@ use std::f64::consts::PI;
 
 /// Patches nearer than this many times the sum of their radii are integrated as polygons.
 pub const NEAR: f32 = 2.5;
-/// Relative error allowed to the integral over polygons: below what visibility leaves.
-const POLYGON_TOLERANCE: f64 = 1e-4;
+/// Relative error allowed to the integral over polygons at most.
+const POLYGON_TOLERANCE: f64 = 1e-3;
 /// Two patches with more pairs of polygons than this between them are integrated by their points.
 pub const MOST_PAIRS: usize = 24;
 
@@ -89,10 +89,11 @@ pub fn by_points(tree: &Tree, p: usize, q: usize, disk: f64) -> f64 {
     tree.nodes[p].area * tree.nodes[q].area * mean(&tree.centred[p], &tree.centred[q], disk)
 }
 
-/// The same of patches by their polygons.
-pub fn between_polygons(p: &[Polygon], q: &[Polygon]) -> f64 {
+/// The same of patches by their polygons, to a relative error of `tolerance`: what a form factor may be off, if it is 1.
+pub fn between_polygons(p: &[Polygon], q: &[Polygon], tolerance: f64) -> f64 {
+    let tolerance = tolerance.min(POLYGON_TOLERANCE);
     let pairs = p.iter().flat_map(|f| q.iter().map(move |s| (f, s)));
-    pairs.map(|(f, s)| f.transfer(s, POLYGON_TOLERANCE)).sum()
+    pairs.map(|(f, s)| f.transfer(s, tolerance)).sum()
 }
 
 fn mean(p: &[Spot; SPOTS], q: &[Spot; SPOTS], disk: f64) -> f64 {

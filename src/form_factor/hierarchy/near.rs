@@ -93,7 +93,7 @@ impl Refinement<'_> {
                 let own = own.get_or_insert_with(|| polygons(&self.patches.outlines(self.world, ids[0])));
                 let whole = || {
                     let other = polygons(&outlines);
-                    kernel::between_polygons(own, &other).min(a.area.min(b.area))
+                    kernel::between_polygons(own, &other, self.tolerance).min(a.area.min(b.area))
                 };
                 match (aimed >= FEWEST_AIMED, seen) {
                     (true, 0) => 0.0,

@@ -88,7 +88,11 @@ impl EdgePair {
             return self.parallel();
         }
         let points = self.singular_points(sine2);
-        let (n, clearance) = if tolerance >= 1e-7 { (8, 3.4) } else { (12, 3.8) };
+        let (n, clearance) = match tolerance {
+            1e-4.. => (5, 3.4),
+            1e-7.. => (8, 3.4),
+            _ => (12, 3.8),
+        };
         let outer =
             Outer { edges: self, points: &points, nodes: gauss::rule(n), clearance, smallest: SMALLEST_PANEL * self.length_p };
         outer.integrate(0.0, self.length_p, 0)
