@@ -85,6 +85,8 @@ pub(super) fn solve(
     // Errors add up as the light does, but each channel of the mean has its own brightest group: three times at most.
     let share = if groups.len() > 1 { 1.0 / 3.0 } else { 1.0 };
     let solver = SolverSettings { tolerance: settings.solver.tolerance * share, ..settings.solver };
+    let held = if form_factors.is_reciprocal() { None } else { radiosity::held_reflectance(form_factors, &patches.rho) };
+    let rho = held.as_deref().unwrap_or(&patches.rho);
     let mut whole: Option<Solution> = None;
     for group in &mut groups {
         let mut source = vec![Rgb::BLACK; patches.len()];
@@ -106,7 +108,7 @@ pub(super) fn solve(
             if let Some(shown) = shown {
                 source.iter_mut().zip(&shown.returned).for_each(|(source, returned)| *source += *returned);
             }
-            RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source }
+            RadiositySystem { rho, area: &patches.area, form_factors, source }
         };
         let mut bounces = 0;
         if let Some((shown, Some(pairs))) = &mut seen {
@@ -134,7 +136,7 @@ pub(super) fn solve(
             }
         });
     }
-    let dark = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source: vec![Rgb::BLACK; patches.len()] };
+    let dark = RadiositySystem { rho, area: &patches.area, form_factors, source: vec![Rgb::BLACK; patches.len()] };
     let mut whole = match whole {
         Some(whole) => whole,
         None => radiosity::solve(&dark, &solver, observer)?,

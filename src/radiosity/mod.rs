@@ -21,6 +21,7 @@ pub mod system;
 
 pub use field::{Incident, RadiosityField};
 pub use interpolation::Interpolation;
+pub use sets::held_reflectance;
 pub use system::RadiositySystem;
 
 use crate::math::Rgb;

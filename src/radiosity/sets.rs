@@ -1,6 +1,7 @@
 //! Sets of patches that exchange light: rooms behind closed doors are systems of their own.
 
 use super::{SolveError, system::RadiositySystem};
+use crate::form_factor::FormFactors;
 use crate::math::Rgb;
 
 /// Row sums from here on count as 1: they are no better than the rounding of their entries.
@@ -91,29 +92,60 @@ impl Sets {
 
     /// True if in some channel some patches see only each other and reflect all.
     fn has_closed_white_part(&mut self, system: &RadiositySystem<'_>) -> bool {
-        // 1 where a patch is white as far as is known.
-        let is_white = |v: f64| if v >= WHITE { 1.0 } else { 0.0 };
         let mut white = vec![Rgb::BLACK; system.len()];
         for &i in self.members.iter().flatten() {
             white[i] = self.row_reflectance[i].map(is_white);
         }
-        let mut lost = vec![Rgb::BLACK; system.len()];
-        while white.iter().any(|w| !w.is_black()) {
-            let others: Vec<Rgb> = white.iter().map(|w| Rgb::WHITE - *w).collect();
-            system.form_factors.gather(&others, &mut lost);
-            self.gathers += 1;
-            let mut has_shrunk = false;
-            for (white, lost) in white.iter_mut().zip(&lost) {
-                let kept = *white * lost.map(|v| if v > 0.0 { 0.0 } else { 1.0 });
-                has_shrunk |= kept != *white;
-                *white = kept;
-            }
-            if !has_shrunk {
-                return true;
-            }
-        }
-        false
+        closed_part(system.form_factors, &mut white, &mut self.gathers)
     }
+}
+
+/// Reflectances with which no patches that see only each other pass on more light than they get; `None` if those given are such.
+///
+/// What is seen by way of gloss and glass adds to a row whose direct part is held to what a half space holds, and it is known by few rays. So
+/// in a gap between two glossy things a row may claim more than all, though nothing there is white. Where the light of such rows has
+/// nowhere else to go there would be no solution: there rows pass on no more than the brightest of their patches reflects. A part with a
+/// patch that does reflect all is left as it is, to be refused.
+pub fn held_reflectance(form_factors: &dyn FormFactors, rho: &[Rgb]) -> Option<Vec<Rgb>> {
+    let mut row_reflectance = vec![Rgb::BLACK; rho.len()];
+    form_factors.gather(rho, &mut row_reflectance);
+    let mut part: Vec<Rgb> = row_reflectance.iter().map(|row| row.map(is_white)).collect();
+    if !closed_part(form_factors, &mut part, &mut 0) {
+        return None;
+    }
+    let scale: [f64; 3] = std::array::from_fn(|c| {
+        let largest = |of: &[Rgb]| of.iter().zip(&part).map(|(value, part)| value[c] * part[c]).fold(0.0, f64::max);
+        let (most, row) = (largest(rho), largest(&row_reflectance));
+        if most < WHITE && row > 0.0 { most / row } else { 1.0 }
+    });
+    let of_part = |part: &Rgb| std::array::from_fn(|c| if part[c] > 0.0 { scale[c] } else { 1.0 });
+    let held = rho.iter().zip(&part).map(|(rho, part)| *rho * Rgb::from(of_part(part))).collect();
+    Some(held)
+}
+
+/// 1 where a patch is white as far as is known.
+fn is_white(row: f64) -> f64 {
+    if row >= WHITE { 1.0 } else { 0.0 }
+}
+
+/// Of patches that pass on all they get (1 in a channel, others 0) leaves those that get light only from each other; true if there are any.
+fn closed_part(form_factors: &dyn FormFactors, white: &mut [Rgb], gathers: &mut u32) -> bool {
+    let mut lost = vec![Rgb::BLACK; white.len()];
+    while white.iter().any(|w| !w.is_black()) {
+        let others: Vec<Rgb> = white.iter().map(|w| Rgb::WHITE - *w).collect();
+        form_factors.gather(&others, &mut lost);
+        *gathers += 1;
+        let mut has_shrunk = false;
+        for (white, lost) in white.iter_mut().zip(&lost) {
+            let kept = *white * lost.map(|v| if v > 0.0 { 0.0 } else { 1.0 });
+            has_shrunk |= kept != *white;
+            *white = kept;
+        }
+        if !has_shrunk {
+            return true;
+        }
+    }
+    false
 }
 
 /// The first patch of the set of patch i as far as is known: every patch points towards a smaller one of its set, and paths are halved on the way.

@@ -156,3 +156,27 @@ fn a_set_that_is_solved_is_left_alone() {
         assert_eq!(early, late, "{solver:?}");
     }
 }
+
+/// Two patches in a gap that few rays say pass on 1.5 times what they get, by way of gloss, beside two that are what they seem: held to what the brighter of
+/// them reflects, they have a solution. White ones are left, to be refused.
+#[test]
+fn a_gap_whose_rows_claim_too_much_is_held() {
+    let row = |j: u32, beside: f32| Row { direct: vec![(j, 1.0)], specular: vec![(j, [beside, 0.0, 0.0])], ..Row::default() };
+    let matrix = FormFactorMatrix::from_rows(vec![row(1, 0.875), row(0, 0.5), row(3, 0.0), row(2, 0.0)]);
+    let source = vec![Rgb::WHITE; 4];
+    let rho = [0.8, 0.6, 0.9, 0.9].map(Rgb::grey);
+    let system = |rho| RadiositySystem { rho, area: &[1.0; 4], form_factors: &matrix, source: source.clone() };
+    let refused = solve(&system(&rho), &settings(Solver::BiCgStab, 1e-9), &mut silent);
+    assert!(matches!(refused, Err(SolveError::NoSteadyState { .. })), "{refused:?}");
+    let held = held_reflectance(&matrix, &rho).expect("rows of 1.125 and 1.2 in a gap");
+    // Red of the first two: 0.8 over the larger row, 1.5 * 0.8 = 1.2.
+    let expected = [[0.8 * 0.8 / 1.2, 0.8, 0.8], [0.6 * 0.8 / 1.2, 0.6, 0.6], [0.9; 3], [0.9; 3]];
+    for (got, want) in held.iter().zip(expected) {
+        assert!((0..3).all(|c| (got[c] - want[c]).abs() < 1e-12), "{held:?}");
+    }
+    let solution = solve(&system(&held), &settings(Solver::BiCgStab, 1e-9), &mut silent).expect("solves");
+    assert!(solution.irradiance.iter().all(|h| (1.0..20.0).contains(&h.r)), "{:?}", solution.irradiance);
+    assert!(held_reflectance(&matrix, &held).is_none(), "nothing is left to be held");
+    let white = held_reflectance(&matrix, &[Rgb::WHITE; 4]).expect("closed");
+    assert_eq!(white, [Rgb::WHITE; 4], "what reflects all is left as it is");
+}
