@@ -67,8 +67,8 @@ const CACHE_WEIGHT: f64 = 12.0;
 /// Rays of a record in the first round; they grow by the fourth root of two from round to round: what a round has more goes into more
 /// records rather than better ones, since what is left of the error is mostly that of interpolation.
 const FIRST_RAYS: f64 = 64.0;
-/// Reach of a record over the mean distance that it sees, in the first round.
-const FIRST_ACCURACY: f64 = 0.4;
+/// Reach of a record over the mean distance that it sees, in the first round: in rooms of few things, and among many triangles.
+const FIRST_ACCURACY: [f64; 2] = [0.3, 0.4];
 /// Closest records of the first round in pixels.
 const FIRST_CLOSEST: f64 = 3.0;
 /// Rounds in which places for records are looked for at every other pixel of a row and column only. On the Cornell box that saves a quarter
@@ -219,7 +219,7 @@ impl<'a, K: Stages> Progressive<'a, K> {
             caches: [None, None],
             made: [None; 2],
             caustics: [None, None],
-            accuracy: FIRST_ACCURACY,
+            accuracy: FIRST_ACCURACY[usize::from(has_many_triangles(world))],
             fill: FIRST_FILL,
             spent: [0.0; 2],
             allocation: None,
