@@ -4,7 +4,7 @@ use super::PipelineError;
 use super::direct::{self, Lamp, LampLight};
 use super::pass_one::PassOneSettings;
 use super::shown::Shown;
-use crate::form_factor::{FormFactors, Outside, RayPairs, Stored};
+use crate::form_factor::{FormFactorMethod, FormFactors, Outside, RayPairs, Stored};
 use crate::light::Light;
 use crate::math::Rgb;
 use crate::patch::PatchMesh;
@@ -85,7 +85,13 @@ pub(super) fn solve(
     // Errors add up as the light does, but each channel of the mean has its own brightest group: three times at most.
     let share = if groups.len() > 1 { 1.0 / 3.0 } else { 1.0 };
     let solver = SolverSettings { tolerance: settings.solver.tolerance * share, ..settings.solver };
-    let held = if form_factors.is_reciprocal() { None } else { radiosity::held_reflectance(form_factors, &patches.rho) };
+    let how = settings.form_factor_settings(0);
+    let rays = how.rays(world);
+    let rays_of = |i: usize| match how.method {
+        FormFactorMethod::RayCast => f64::from(rays.rays_of(patches, i)),
+        _ => f64::INFINITY,
+    };
+    let held = radiosity::held_reflectance(form_factors, (&patches.rho, &patches.area), rays_of);
     let rho = held.as_deref().unwrap_or(&patches.rho);
     let mut whole: Option<Solution> = None;
     for group in &mut groups {

@@ -6,6 +6,8 @@ use crate::math::Rgb;
 
 /// Row sums from here on count as 1: they are no better than the rounding of their entries.
 const WHITE: f64 = 1.0 - 1e-9;
+/// Rays from which on a part that none of them left is taken to be closed.
+const FEW: f64 = 4096.0;
 
 /// The patches that light reaches, by set. The others, such as the insides of closed bodies, stay exactly dark and belong to none.
 ///
@@ -102,11 +104,21 @@ impl Sets {
 
 /// Reflectances with which no patches that see only each other pass on more light than they get; `None` if those given are such.
 ///
-/// What is seen by way of gloss and glass adds to a row whose direct part is held to what a half space holds, and it is known by few rays. So
-/// in a gap between two glossy things a row may claim more than all, though nothing there is white. Where the light of such rows has
-/// nowhere else to go there would be no solution: there rows pass on no more than the brightest of their patches reflects. A part with a
-/// patch that does reflect all is left as it is, to be refused.
-pub fn held_reflectance(form_factors: &dyn FormFactors, rho: &[Rgb]) -> Option<Vec<Rgb>> {
+/// What is seen by way of gloss and glass adds to a row whose direct part is held to what a half space holds, and all is known by few rays. So
+/// a row in a gap between two glossy things may claim more than all though nothing there is white, and a white patch folded over itself
+/// that it sees nothing else. Where the light of such rows has nowhere else to go there would be no solution. There rows pass on no more than
+/// the brightest of their patches reflects, and no more than so few rays can tell from all: n that stay say that a share of 1/(n + 1) may
+/// leave (rule of succession). White parts of [`FEW`] rays (`rays` of each patch) or more, and those with half of all area
+/// (`area` [m²]), are left as they are, to be refused.
+pub fn held_reflectance(
+    form_factors: &dyn FormFactors,
+    (rho, area): (&[Rgb], &[f64]),
+    rays: impl Fn(usize) -> f64,
+) -> Option<Vec<Rgb>> {
+    let is_bounded = form_factors.is_reciprocal() && rho.iter().all(|rho| rho.max() < WHITE);
+    if is_bounded {
+        return None;
+    }
     let mut row_reflectance = vec![Rgb::BLACK; rho.len()];
     form_factors.gather(rho, &mut row_reflectance);
     let mut part: Vec<Rgb> = row_reflectance.iter().map(|row| row.map(is_white)).collect();
@@ -114,9 +126,16 @@ pub fn held_reflectance(form_factors: &dyn FormFactors, rho: &[Rgb]) -> Option<V
         return None;
     }
     let scale: [f64; 3] = std::array::from_fn(|c| {
-        let largest = |of: &[Rgb]| of.iter().zip(&part).map(|(value, part)| value[c] * part[c]).fold(0.0, f64::max);
-        let (most, row) = (largest(rho), largest(&row_reflectance));
-        if most < WHITE && row > 0.0 { most / row } else { 1.0 }
+        let members = || part.iter().enumerate().filter(|(_, part)| part[c] > 0.0).map(|(i, _)| i);
+        let most = members().map(|i| rho[i][c]).fold(0.0, f64::max);
+        let row = members().map(|i| row_reflectance[i][c]).fold(0.0, f64::max);
+        let n = members().map(&rays).sum::<f64>();
+        let is_small = members().map(|i| area[i]).sum::<f64>() < 0.5 * area.iter().sum::<f64>();
+        match (most < WHITE, n < FEW && is_small) {
+            (true, _) if row > 0.0 => most / row,
+            (false, true) => n / (n + 1.0) / row,
+            _ => 1.0,
+        }
     });
     let of_part = |part: &Rgb| std::array::from_fn(|c| if part[c] > 0.0 { scale[c] } else { 1.0 });
     let held = rho.iter().zip(&part).map(|(rho, part)| *rho * Rgb::from(of_part(part))).collect();

@@ -157,26 +157,39 @@ fn a_set_that_is_solved_is_left_alone() {
     }
 }
 
-/// Two patches in a gap that few rays say pass on 1.5 times what they get, by way of gloss, beside two that are what they seem: held to what the brighter of
-/// them reflects, they have a solution. White ones are left, to be refused.
+/// Two patches in a gap that few rays say pass on up to 1.5 times what they get, by way of gloss, beside two that are what they seem: held to what the
+/// brighter of them reflects, they have a solution.
 #[test]
 fn a_gap_whose_rows_claim_too_much_is_held() {
     let row = |j: u32, beside: f32| Row { direct: vec![(j, 1.0)], specular: vec![(j, [beside, 0.0, 0.0])], ..Row::default() };
     let matrix = FormFactorMatrix::from_rows(vec![row(1, 0.875), row(0, 0.5), row(3, 0.0), row(2, 0.0)]);
-    let source = vec![Rgb::WHITE; 4];
     let rho = [0.8, 0.6, 0.9, 0.9].map(Rgb::grey);
-    let system = |rho| RadiositySystem { rho, area: &[1.0; 4], form_factors: &matrix, source: source.clone() };
-    let refused = solve(&system(&rho), &settings(Solver::BiCgStab, 1e-9), &mut silent);
-    assert!(matches!(refused, Err(SolveError::NoSteadyState { .. })), "{refused:?}");
-    let held = held_reflectance(&matrix, &rho).expect("rows of 1.125 and 1.2 in a gap");
+    let area = [1.0; 4];
+    let solve = |rho| {
+        let system = RadiositySystem { rho, area: &area, form_factors: &matrix, source: vec![Rgb::WHITE; 4] };
+        solve(&system, &settings(Solver::BiCgStab, 1e-9), &mut silent)
+    };
+    assert!(matches!(solve(&rho), Err(SolveError::NoSteadyState { .. })));
+    let held = held_reflectance(&matrix, (&rho, &area), |_| f64::INFINITY).expect("rows of 1.125 and 1.2 in a gap");
     // Red of the first two: 0.8 over the larger row, 1.5 * 0.8 = 1.2.
     let expected = [[0.8 * 0.8 / 1.2, 0.8, 0.8], [0.6 * 0.8 / 1.2, 0.6, 0.6], [0.9; 3], [0.9; 3]];
     for (got, want) in held.iter().zip(expected) {
         assert!((0..3).all(|c| (got[c] - want[c]).abs() < 1e-12), "{held:?}");
     }
-    let solution = solve(&system(&held), &settings(Solver::BiCgStab, 1e-9), &mut silent).expect("solves");
+    let solution = solve(&held).expect("solves");
     assert!(solution.irradiance.iter().all(|h| (1.0..20.0).contains(&h.r)), "{:?}", solution.irradiance);
-    assert!(held_reflectance(&matrix, &held).is_none(), "nothing is left to be held");
-    let white = held_reflectance(&matrix, &[Rgb::WHITE; 4]).expect("closed");
-    assert_eq!(white, [Rgb::WHITE; 4], "what reflects all is left as it is");
+    assert!(held_reflectance(&matrix, (&held, &area), |_| 1.0).is_none(), "nothing is left to be held");
+}
+
+/// A small white patch whose few rays all met itself loses some light; by many rays it is closed, as is a room of which it is the whole.
+#[test]
+fn few_rays_cannot_tell_that_nothing_leaves() {
+    let rows = [vec![(0, 1.0)], vec![(2, 1.0)], vec![(1, 1.0)]].map(|direct| Row { direct, ..Row::default() });
+    let matrix = FormFactorMatrix::from_rows(rows.to_vec());
+    let rho = [1.0, 0.5, 0.5].map(Rgb::grey);
+    let held = |area: [f64; 3], rays: f64| held_reflectance(&matrix, (&rho, &area), |_| rays).expect("a white part")[0].g;
+    assert!((held([1.0, 9.0, 9.0], 127.0) - 127.0 / 128.0).abs() < 1e-12);
+    for (area, rays) in [([1.0, 9.0, 9.0], 1e5), ([1.0, 9.0, 9.0], f64::INFINITY), ([20.0, 9.0, 9.0], 127.0)] {
+        assert_eq!(held(area, rays), 1.0, "{area:?} {rays}");
+    }
 }
