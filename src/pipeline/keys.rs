@@ -27,7 +27,7 @@ pub struct StageKeys {
 }
 
 /// Grows when the computation of a stage changes, so that older files are stale.
-const GENERATION: u32 = 5;
+const GENERATION: u32 = 6;
 
 impl StageKeys {
     /// The keys of a scene with these settings.

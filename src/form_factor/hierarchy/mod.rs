@@ -54,12 +54,12 @@ pub struct HierarchySettings {
 }
 
 /// Rays of a group at a tolerance of 1e-3.
-const GROUP_RAYS: f64 = 512.0;
+const GROUP_RAYS: f64 = 384.0;
 
 impl HierarchySettings {
     /// Links within `tolerance`, and rays in inverse proportion to it. `shadow_rays`: those that a patch of the full size sends.
     pub fn for_tolerance(tolerance: f64, shadow_rays: f64, seed: u64) -> Self {
-        let rays = ((GROUP_RAYS * 1e-3 / tolerance).clamp(64.0, 65536.0) as u32).next_power_of_two();
+        let rays = ((GROUP_RAYS * 1e-3 / tolerance).clamp(64.0, 65536.0) as u32).next_multiple_of(64);
         Self { tolerance, rays, max_events: 64, rays_beside_shadow_rays: f64::from(rays) / shadow_rays, seed }
     }
 }

@@ -31,6 +31,9 @@ const FEWEST_BEHIND_WALLS: u32 = 4;
 /// Nodes that are near each other may exchange this many times what their middles say.
 const SURELY: f64 = 2.0;
 
+/// The bound on how a kernel varies may be this many times the tolerance: it holds for the corners that it varies most between, and what a link leaves out
+/// is a mean over all points.
+const KERNEL_SLACK: f64 = 1.3;
 /// What a wall parts is linked as one only if what passes is below this share of the tolerance: all such links err alike.
 const TORN_SHARE: f64 = 1.0 / 16.0;
 
@@ -183,7 +186,7 @@ impl Refinement<'_> {
         if a.count.min(b.count) >= FEWEST_BEHIND_WALLS && self.walls.part(self.tree, p as usize, q as usize) {
             return Verdict::Apart;
         }
-        if kernel * larger <= self.tolerance {
+        if kernel * larger <= self.tolerance * KERNEL_SLACK {
             let torn = [p, q].map(|at| self.tree.torn[at as usize]);
             if most * larger * f64::from(torn[0].max(torn[1])) <= self.tolerance * TORN_SHARE {
                 return Verdict::Linked(most * larger);
