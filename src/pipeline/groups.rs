@@ -91,7 +91,8 @@ pub(super) fn solve(
         FormFactorMethod::RayCast => f64::from(rays.rays_of(patches, i)),
         _ => f64::INFINITY,
     };
-    let held = radiosity::held_reflectance(form_factors, (&patches.rho, &patches.area), rays_of);
+    let unlit = RadiositySystem { rho: &patches.rho, area: &patches.area, form_factors, source: Vec::new() };
+    let held = radiosity::held_reflectance(&unlit, rays_of);
     let rho = held.as_deref().unwrap_or(&patches.rho);
     let mut whole: Option<Solution> = None;
     for group in &mut groups {

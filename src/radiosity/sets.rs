@@ -1,7 +1,6 @@
 //! Sets of patches that exchange light: rooms behind closed doors are systems of their own.
 
 use super::{SolveError, system::RadiositySystem};
-use crate::form_factor::FormFactors;
 use crate::math::Rgb;
 
 /// Row sums from here on count as 1: they are no better than the rounding of their entries.
@@ -98,7 +97,7 @@ impl Sets {
         for &i in self.members.iter().flatten() {
             white[i] = self.row_reflectance[i].map(is_white);
         }
-        closed_part(system.form_factors, &mut white, &mut self.gathers)
+        closed_part(system, &mut white, &mut self.gathers)
     }
 }
 
@@ -109,12 +108,9 @@ impl Sets {
 /// that it sees nothing else. Where the light of such rows has nowhere else to go there would be no solution. There rows pass on no more than
 /// the brightest of their patches reflects, and no more than so few rays can tell from all: n that stay say that a share of 1/(n + 1) may
 /// leave (rule of succession). White parts of [`FEW`] rays (`rays` of each patch) or more, and those with half of all area
-/// (`area` [m²]), are left as they are, to be refused.
-pub fn held_reflectance(
-    form_factors: &dyn FormFactors,
-    (rho, area): (&[Rgb], &[f64]),
-    rays: impl Fn(usize) -> f64,
-) -> Option<Vec<Rgb>> {
+/// are left as they are, to be refused. Nothing is asked of the source of `system`.
+pub fn held_reflectance(system: &RadiositySystem<'_>, rays: impl Fn(usize) -> f64) -> Option<Vec<Rgb>> {
+    let RadiositySystem { rho, area, form_factors, .. } = system;
     let is_bounded = form_factors.is_reciprocal() && rho.iter().all(|rho| rho.max() < WHITE);
     if is_bounded {
         return None;
@@ -122,7 +118,7 @@ pub fn held_reflectance(
     let mut row_reflectance = vec![Rgb::BLACK; rho.len()];
     form_factors.gather(rho, &mut row_reflectance);
     let mut part: Vec<Rgb> = row_reflectance.iter().map(|row| row.map(is_white)).collect();
-    if !closed_part(form_factors, &mut part, &mut 0) {
+    if !closed_part(system, &mut part, &mut 0) {
         return None;
     }
     let scale: [f64; 3] = std::array::from_fn(|c| {
@@ -148,11 +144,11 @@ fn is_white(row: f64) -> f64 {
 }
 
 /// Of patches that pass on all they get (1 in a channel, others 0) leaves those that get light only from each other; true if there are any.
-fn closed_part(form_factors: &dyn FormFactors, white: &mut [Rgb], gathers: &mut u32) -> bool {
+fn closed_part(system: &RadiositySystem<'_>, white: &mut [Rgb], gathers: &mut u32) -> bool {
     let mut lost = vec![Rgb::BLACK; white.len()];
     while white.iter().any(|w| !w.is_black()) {
         let others: Vec<Rgb> = white.iter().map(|w| Rgb::WHITE - *w).collect();
-        form_factors.gather(&others, &mut lost);
+        system.form_factors.gather(&others, &mut lost);
         *gathers += 1;
         let mut has_shrunk = false;
         for (white, lost) in white.iter_mut().zip(&lost) {

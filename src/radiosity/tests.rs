@@ -165,12 +165,12 @@ fn a_gap_whose_rows_claim_too_much_is_held() {
     let matrix = FormFactorMatrix::from_rows(vec![row(1, 0.875), row(0, 0.5), row(3, 0.0), row(2, 0.0)]);
     let rho = [0.8, 0.6, 0.9, 0.9].map(Rgb::grey);
     let area = [1.0; 4];
-    let solve = |rho| {
-        let system = RadiositySystem { rho, area: &area, form_factors: &matrix, source: vec![Rgb::WHITE; 4] };
-        solve(&system, &settings(Solver::BiCgStab, 1e-9), &mut silent)
-    };
+    fn system<'a>(rho: &'a [Rgb], area: &'a [f64], form_factors: &'a FormFactorMatrix) -> RadiositySystem<'a> {
+        RadiositySystem { rho, area, form_factors, source: vec![Rgb::WHITE; 4] }
+    }
+    let solve = |rho| solve(&system(rho, &area, &matrix), &settings(Solver::BiCgStab, 1e-9), &mut silent);
     assert!(matches!(solve(&rho), Err(SolveError::NoSteadyState { .. })));
-    let held = held_reflectance(&matrix, (&rho, &area), |_| f64::INFINITY).expect("rows of 1.125 and 1.2 in a gap");
+    let held = held_reflectance(&system(&rho, &area, &matrix), |_| f64::INFINITY).expect("rows of 1.125 and 1.2 in a gap");
     // Red of the first two: 0.8 over the larger row, 1.5 * 0.8 = 1.2.
     let expected = [[0.8 * 0.8 / 1.2, 0.8, 0.8], [0.6 * 0.8 / 1.2, 0.6, 0.6], [0.9; 3], [0.9; 3]];
     for (got, want) in held.iter().zip(expected) {
@@ -178,7 +178,7 @@ fn a_gap_whose_rows_claim_too_much_is_held() {
     }
     let solution = solve(&held).expect("solves");
     assert!(solution.irradiance.iter().all(|h| (1.0..20.0).contains(&h.r)), "{:?}", solution.irradiance);
-    assert!(held_reflectance(&matrix, (&held, &area), |_| 1.0).is_none(), "nothing is left to be held");
+    assert!(held_reflectance(&system(&held, &area, &matrix), |_| 1.0).is_none(), "nothing is left to be held");
 }
 
 /// A small white patch whose few rays all met itself loses some light; by many rays it is closed, as is a room of which it is the whole.
@@ -187,7 +187,10 @@ fn few_rays_cannot_tell_that_nothing_leaves() {
     let rows = [vec![(0, 1.0)], vec![(2, 1.0)], vec![(1, 1.0)]].map(|direct| Row { direct, ..Row::default() });
     let matrix = FormFactorMatrix::from_rows(rows.to_vec());
     let rho = [1.0, 0.5, 0.5].map(Rgb::grey);
-    let held = |area: [f64; 3], rays: f64| held_reflectance(&matrix, (&rho, &area), |_| rays).expect("a white part")[0].g;
+    let held = |area: [f64; 3], rays: f64| {
+        let system = RadiositySystem { rho: &rho, area: &area, form_factors: &matrix, source: Vec::new() };
+        held_reflectance(&system, |_| rays).expect("a white part")[0].g
+    };
     assert!((held([1.0, 9.0, 9.0], 127.0) - 127.0 / 128.0).abs() < 1e-12);
     for (area, rays) in [([1.0, 9.0, 9.0], 1e5), ([1.0, 9.0, 9.0], f64::INFINITY), ([20.0, 9.0, 9.0], 127.0)] {
         assert_eq!(held(area, rays), 1.0, "{area:?} {rays}");
