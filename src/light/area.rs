@@ -42,11 +42,22 @@ pub struct AreaLight {
     pub emitter: Emitter,
     area: f64,
     mean: Rgb,
+    /// Luminance of the mean times the area.
+    strength: f64,
+    /// All of the surface lies in it.
+    ball: Ball,
     cells: Cells,
     /// Running sum of the weights by which cells are chosen, cells of the first triangle first; empty for a sphere.
     running: Vec<f64>,
     /// Its faces, if it has few and shines alike everywhere: they are sampled by what they do for a receiver.
     faces: Option<Box<Faces>>,
+}
+
+/// Centre and radius.
+#[derive(Debug, Clone, Copy)]
+struct Ball {
+    center: Vec3,
+    radius: f32,
 }
 
 /// A point of a lamp's surface that light leaves from.
@@ -143,7 +154,12 @@ impl AreaLight {
             (Emitter::Triangles { corners, .. }, Texture::Constant(_)) => Faces::of(corners).map(Box::new),
             _ => None,
         };
-        Self { shape, radiance, emitter, area, mean, cells, running, faces }
+        let ball = match &emitter {
+            Emitter::Triangles { bounds, .. } => Ball { center: bounds.center(), radius: 0.5 * bounds.diagonal() },
+            Emitter::Sphere(s) => Ball { center: s.center, radius: s.radius },
+        };
+        let strength = mean.luminance() * area;
+        Self { shape, radiance, emitter, area, mean, strength, ball, cells, running, faces }
     }
 
     /// Area [m²].
@@ -328,15 +344,12 @@ impl AreaLight {
     /// Rough unoccluded irradiance; an upper bound on the receiver's cosine keeps it positive wherever light can arrive.
     #[inline]
     pub fn importance(&self, point: Vec3, n: Vec3) -> f64 {
-        let (center, radius) = match &self.emitter {
-            Emitter::Triangles { bounds, .. } => (bounds.center(), 0.5 * bounds.diagonal()),
-            Emitter::Sphere(s) => (s.center, s.radius),
-        };
+        let Ball { center, radius } = self.ball;
         let to_light = center - point;
         let distance = to_light.length().max(radius);
         // Largest cosine of any point of the bounding ball; at least a little, since the ball is rough.
         let cos = ((to_light.dot(n) + radius) / distance).clamp(0.0, 1.0);
-        self.mean.luminance() * self.area * f64::from(cos) / f64::from(distance * distance)
+        self.strength * f64::from(cos) / f64::from(distance * distance)
     }
 }
 
