@@ -3,6 +3,7 @@
 use crate::material::texture::Texels;
 use crate::math::{DMat3, DVec3, Rgb, Vec2, Vec3, warp};
 use std::f64::consts::{PI, TAU};
+use std::fmt;
 
 /// Largest step between rows below which sines of small angles are summed as a series.
 const SMALL_STEP: f64 = 0.3;
@@ -27,7 +28,7 @@ pub enum Environment {
 
 /// An image of the sphere by longitude and latitude, with Mitsuba's conventions: up is +y, the middle column lies at +z. Columns
 /// are texel-centred and go round; the first and the last row are the poles. Between texels it is bilinear in both angles.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Map {
     width: usize,
     height: usize,
@@ -46,6 +47,14 @@ pub struct Map {
     bands: Vec<f64>,
     /// Sine and cosine of the polar angle of each row.
     sines: Vec<(f64, f64)>,
+}
+
+/// What it was made of; sums over it follow from that.
+impl fmt::Debug for Map {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { width, height, texels, scale, to_scene, .. } = self;
+        f.debug_tuple("Map").field(&(width, height, texels, scale, to_scene)).finish()
+    }
 }
 
 /// A place between texels.

@@ -1,20 +1,20 @@
 //! The values of an image, in as few bytes as hold them exactly.
 
+use std::fmt;
 use std::sync::Arc;
 
 /// Linear values of an image's pixels, three channels each, row by row; shared by all users of the file.
 ///
 /// Files with eight bits a channel keep their codes, a quarter of the bytes, with the value of each code.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Texels(Store);
 
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 enum Store {
     Codes(Arc<Codes>),
     Values(Arc<Vec<[f32; 3]>>),
 }
 
-#[derive(Debug)]
 struct Codes {
     /// Three bytes a texel.
     bytes: Vec<u8>,
@@ -72,6 +72,24 @@ impl Texels {
     }
 }
 
+/// Their number and a hash of all: what scenes are told apart by, of which millions of values would be slow to write.
+impl fmt::Debug for Texels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut hash = blake3::Hasher::new();
+        match &self.0 {
+            Store::Codes(codes) => {
+                hash.update(&codes.bytes);
+                codes.values.iter().for_each(|v| _ = hash.update(&v.to_bits().to_le_bytes()));
+            }
+            Store::Values(values) => {
+                let bytes: Vec<u8> = values.iter().flatten().flat_map(|v| v.to_bits().to_le_bytes()).collect();
+                hash.update(&bytes);
+            }
+        }
+        write!(f, "Texels({} {})", self.len(), hash.finalize())
+    }
+}
+
 impl From<Vec<[f32; 3]>> for Texels {
     fn from(values: Vec<[f32; 3]>) -> Self {
         Self(Store::Values(Arc::new(values)))
@@ -99,6 +117,20 @@ mod tests {
         let plain: Texels = want.into_iter().collect();
         assert_eq!((plain.len(), plain.is_empty()), (2, false));
         assert_eq!(plain.iter().collect::<Vec<_>>(), want);
+    }
+
+    #[test]
+    fn what_is_written_of_texels_tells_any_two_apart() {
+        let values: [f32; 256] = std::array::from_fn(|code| code as f32);
+        let mut others = values;
+        others[200] = 200.5;
+        let written = |texels: Texels| format!("{texels:?}");
+        let whole = written(Texels::of_codes(vec![1, 2, 3, 4, 5, 6], values));
+        assert_eq!(whole, written(Texels::of_codes(vec![1, 2, 3, 4, 5, 6], values)));
+        assert_ne!(whole, written(Texels::of_codes(vec![1, 2, 3, 4, 5, 7], values)));
+        assert_ne!(whole, written(Texels::of_codes(vec![1, 2, 3, 4, 5, 6], others)));
+        assert_ne!(written(vec![[0.5, 0.5, 1.0]].into()), written(vec![[0.5, 0.5, 1.0 + f32::EPSILON]].into()));
+        assert!(whole.len() < 100, "{whole}");
     }
 
     #[test]

@@ -219,6 +219,24 @@ fn many_lamps_and_textured_ones_are_weighted_too() {
     assert!(picture(&format!("{}--light lamp2=1e6", all("1e-6"))).iter().any(|v| *v > 1e-3), "the checkerboard shines");
 }
 
+/// A mirror's light is that of all lamps together: a solution for each of them would be for nothing.
+#[test]
+fn where_no_lamp_can_be_weighted_all_have_one_solution() {
+    let place = Place::new();
+    let sweeps = |scene: &str, output: &str| {
+        place.write("room.xml", scene);
+        place.expect(0, &format!("solve room.xml -q {QUICK} {output} --report r.json"));
+        work(&report(&place.path("r.json")))[3]
+    };
+    let mirror = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.3"/><translate z="-0.8"/></transform>
+  <bsdf type="twosided"><bsdf type="conductor"/></bsdf></shape></scene>"#;
+    let mirrored = plain().replace("</scene>", mirror);
+    assert!(sweeps(&plain(), "-o plain.sol") > sweeps(&plain(), ""), "each lamp has its own");
+    assert_eq!(sweeps(&mirrored, "-o mirrored.sol"), sweeps(&mirrored, ""));
+    let (_, err) = place.expect(2, "render room.xml -q -o x --solution mirrored.sol --light left=2");
+    assert!(err.contains("all lights together"), "{err}");
+}
+
 #[test]
 fn files_that_are_stale_cut_off_damaged_or_foreign_are_refused_and_left_alone() {
     let place = Place::new();

@@ -11,7 +11,7 @@ use std::io::Write as _;
 use std::path::Path;
 use twopass::film::io::{WriteError, atomic_write, probe_writable};
 use twopass::patch::PatchMesh;
-use twopass::pipeline::keys::StageKeys;
+use twopass::pipeline::keys::{StageKeys, has_detours};
 use twopass::pipeline::pass_one::expect_to_fit;
 use twopass::pipeline::solution_file::{self, Meta, SolutionFile};
 use twopass::pipeline::{self, Kept, PassOneSettings, PipelineError, Solved, StageCosts, surface_points};
@@ -29,11 +29,12 @@ pub fn run(common: &Common, args: &SolveArgs) -> Result<(), Failure> {
     let watch = Stopwatch::start();
     let loaded = scene_file::load(common, &args.scene, &args.source)?;
     let mut settings = render_settings(common, &args.pass_one, None);
-    settings.pass_one.by_light = args.output.is_some();
     let mut run_report = report::begin(common, &loaded, "solve", watch.elapsed());
     report::set_pass_one(&mut run_report, &args.pass_one);
     let mut costs = StageCosts::default();
     let world = costs.time(Stage::Tree, || World::new(loaded.scene, settings.accel)).map_err(PipelineError::from)?;
+    // Where lamps cannot be weighted one by one a solution for each would be for nothing.
+    settings.pass_one.by_light = args.output.is_some() && !has_detours(world.scene());
     if args.pass_one.form_factors.is_none() && args.pass_one.tolerance.is_none() {
         settings.pass_one.choose_form_factors(&world);
         report::set(&mut run_report, "form_factors", settings.pass_one.form_factors.name());
