@@ -174,7 +174,7 @@ pub struct SolverReport {
     /// Estimate of the condition of the equations, (1 + r)/(1 - r) with the spectral radius r of what reflection does to light.
     #[serde(default)]
     pub condition: f64,
-    /// Bound on the relative error by rows of form factors that do not close, as interreflection amplifies it.
+    /// Estimate of the relative error by rows of form factors that do not close, in the mean, as interreflection amplifies it.
     #[serde(default)]
     pub closure_influence: f64,
     /// True if the bound is below the tolerance.

@@ -118,10 +118,10 @@ pub fn add_pass_one(common: &Common, report: &mut RunReport, pass_one: &PassOne)
         error_bound: pass_one.solution.error_bound,
         // 1/(1 - r) is the amplification.
         condition: 2.0 * pass_one.solution.amplification - 1.0,
-        closure_influence: closure_influence(raw.corrected_defect, pass_one.solution.amplification),
+        closure_influence: closure_influence(raw.corrected_defect, pass_one.solution.mean_amplification),
         converged: pass_one.solution.converged,
     });
-    if let Some(warning) = closure_warning(raw.corrected_defect, pass_one.solution.amplification) {
+    if let Some(warning) = closure_warning(raw.corrected_defect, pass_one.solution.mean_amplification) {
         say(common, &format!("warning: {warning}"));
         report.warnings.push(warning);
     }
@@ -157,13 +157,13 @@ fn closure_influence(defect: f64, amplification: f64) -> f64 {
     defect * (amplification - 1.0)
 }
 
-/// A warning if rows that do not close may count much: one that is off by delta counts delta rho/(1 - rho) times in a bright room.
+/// A warning if rows that do not close may count much: where all are off by delta that counts delta rho/(1 - rho) times in a bright room.
 fn closure_warning(defect: f64, amplification: f64) -> Option<String> {
     let amplified = amplification - 1.0;
     let influence = closure_influence(defect, amplification);
     (influence > CLOSURE_INFLUENCE).then(|| {
         format!(
-            "rows of form factors could be closed to within {defect:.1e} only, which interreflection may amplify {amplified:.0} times: \
+            "rows of form factors are off by {defect:.1e} in the mean, which interreflection may amplify {amplified:.0} times: \
              radiosities may be off by {:.1} %; a smaller --tolerance helps",
             100.0 * influence
         )

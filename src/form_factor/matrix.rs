@@ -163,20 +163,20 @@ impl FormFactorMatrix {
             rows.push(row);
         }
         self.closure.reciprocity_defect = if weight > 0.0 { (defect / weight).sqrt() } else { 0.0 };
-        let scale = sinkhorn(&rows, &target, area, (60, 1e-7), is_idle);
+        let scale = sinkhorn(&rows, &target, area, (60, 1e-7), &is_idle);
         let (mut start, mut column, mut factor) = (vec![0], Vec::new(), Vec::new());
-        let mut worst: f64 = 0.0;
+        let mut sums = Vec::with_capacity(rows.len());
         for (i, row) in rows.iter().enumerate() {
             let scaled = |(j, s): &(u32, f64)| s * scale[i] * scale[*j as usize] / area[i];
-            let sum: f64 = row.iter().map(scaled).sum();
-            worst = worst.max((sum - target[i]).abs());
+            sums.push(row.iter().map(scaled).sum());
             column.extend(row.iter().map(|e| e.0));
             factor.extend(row.iter().map(|e| scaled(e) as f32));
             let stored: f64 = factor[start[i]..].iter().map(|f| f64::from(*f)).sum();
             self.row_scale[i] = if stored > 0.0 { target[i] / stored } else { 1.0 };
             start.push(column.len());
         }
-        self.closure.corrected_defect = worst;
+        let counting = (0..sums.len()).filter(|i| !is_idle(*i));
+        self.closure.corrected_defect = Closure::mean_defect(counting.map(|i| (area[i], sums[i], target[i])));
         (self.start, self.column, self.factor) = (start, column, factor);
     }
 
@@ -214,7 +214,7 @@ impl FormFactorMatrix {
         self.row_scale = scale.iter().zip(&area).map(|(d, a)| d / a).collect();
         self.column_scale = scale;
         self.closure.reciprocity_defect = 0.0;
-        self.closure.corrected_defect = (0..n).map(|i| (self.direct_sum(i) - target[i]).abs()).fold(0.0, f64::max);
+        self.closure.corrected_defect = Closure::mean_defect((0..n).map(|i| (area[i], self.direct_sum(i), target[i])));
     }
 
     /// Replaces what is seen by way of specular surfaces: entries (j, F_ij) by rising patch for each row.

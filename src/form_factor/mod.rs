@@ -43,8 +43,16 @@ pub struct Closure {
     pub escaped_max: f64,
     /// Root of the mean over pairs, weighted by their transport, of the squared relative defect of A_i F_ij = A_j F_ji.
     pub reciprocity_defect: f64,
-    /// Largest remaining |sum of a row - its target| after the correction.
+    /// Mean over the area of |sum of a row - its target| that is left after the correction: light that rows make or lose.
     pub corrected_defect: f64,
+}
+
+impl Closure {
+    /// Mean over the area of what rows are off by: (area, sum, target).
+    fn mean_defect(rows: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
+        let (off, all) = rows.fold((0.0, 0.0), |(off, all), (area, sum, target)| (off + area * (sum - target).abs(), all + area));
+        if all > 0.0 { off / all } else { 0.0 }
+    }
 }
 
 /// Looks at a part of the row of the k-th patch asked for: `(k, factor, entries)`; each entry is a patch and a

@@ -18,9 +18,14 @@ use serde::{Deserialize, Serialize};
 pub(super) const DIRECT_POINTS: f64 = 32.0;
 
 /// A patch of the full size gets more points until what it does not know of a lamp is below this share of the lamp's root mean square over all lit
-/// patches; the squared error that a smaller one may keep is larger as its area, and so its weight in all light to come, is smaller ...
+/// patches; the squared error that a smaller one may keep is larger as its area, and so its weight in all light to come, is smaller.
 const NOISE: f64 = 0.02;
-/// ... but no more than this many.
+/// The solutions of `two-pass` allow more by the root of how many more patches there are than these, whose noise averages out in all light to come ...
+const FEW_PATCHES: f64 = 2000.0;
+/// ... as long as form factors are as rough as this; but no more than so many times.
+const ROUGH: f64 = 0.0442;
+const MOST_NOISE: f64 = 4.0;
+/// No patch gets more points.
 const MOST_POINTS: f64 = 256.0;
 /// How often it is asked whether a patch gets more: what few points say of their noise may be far too little.
 const MORE_LOOKS: u32 = 2;
@@ -198,15 +203,22 @@ impl Measured {
     }
 }
 
-/// Mean irradiance of each patch by each lamp that shadow rays find, and if `is_shown` what of it is seen from afar.
+/// What one of many patches may not know of a lamp where form factors are within `tolerance`, as a share of that lamp's root mean square.
+pub(super) fn allowed_noise(patches: usize, tolerance: f64) -> f64 {
+    NOISE * ((patches as f64 / FEW_PATCHES).sqrt() * tolerance / ROUGH).clamp(1.0, MOST_NOISE)
+}
+
+/// Mean irradiance of each patch by each lamp that shadow rays find; `seen`: what of it is seen from afar as well, and the noise that is allowed
+/// then.
 pub(super) fn measure(
     world: &World,
     patches: &PatchMesh,
-    (gather_rays, is_shown): (f64, bool),
+    (gather_rays, seen): (f64, Option<f64>),
     seed: u64,
     counts: &mut RayCounts,
 ) -> (Vec<LampLight>, Option<Shown>) {
     let lights = lamps_apart(world);
+    let (is_shown, noise) = (seen.is_some(), seen.unwrap_or(NOISE));
     if lights.is_empty() {
         return (Vec::new(), is_shown.then(|| Shown::none(patches.len())));
     }
@@ -218,7 +230,8 @@ pub(super) fn measure(
     }
     // Where a point picks some of the lamps, how many points there are is decided by all: what few points find of a faint one is never known.
     let n_parts = if sees_all(world.partition()) { n_lamps } else { 1 };
-    let measured = world.needs().choose(Measure { world, patches, gather_rays, is_shown, seed, lamp_of_light, n_lamps, n_parts });
+    let look = Measure { world, patches, gather_rays, is_shown, noise, seed, lamp_of_light, n_lamps, n_parts };
+    let measured = world.needs().choose(look);
     measured.iter().for_each(|m| *counts += m.counts);
     let of_lamp = |lamp: usize| LampLight {
         lamp: if apart { lamp_of(world.scene(), lights[lamp]) } else { Lamp { name: String::new(), strength: Rgb::WHITE } },
@@ -239,6 +252,8 @@ struct Measure<'a> {
     patches: &'a PatchMesh,
     gather_rays: f64,
     is_shown: bool,
+    /// Noise that a patch of the full size may keep.
+    noise: f64,
     seed: u64,
     lamp_of_light: Vec<usize>,
     n_lamps: usize,
@@ -285,7 +300,7 @@ impl ByStages for Measure<'_> {
         let levels: Vec<f64> = (0..n_parts).map(level).collect();
         measured.par_iter_mut().enumerate().for_each(|(i, m)| {
             for _ in 0..more_looks {
-                let over = |(part, level): (usize, &f64)| share(i) * m.noise(part) / (NOISE * level).powi(2);
+                let over = |(part, level): (usize, &f64)| share(i) * m.noise(part) / (self.noise * level).powi(2);
                 let wanted = levels.iter().enumerate().map(over).fold(0.0, f64::max);
                 if wanted > 1.0 {
                     let points = ((m.points as f64 * wanted).min(MOST_POINTS) as u64).next_power_of_two();
@@ -303,7 +318,7 @@ impl ByStages for Measure<'_> {
 impl Measure<'_> {
     /// Looks from further points of patch `i`, up to `points` of them in all.
     fn look<K: Stages>(&self, i: usize, points: u64, into: &mut Measured) {
-        let Self { world, patches, gather_rays, is_shown, seed, ref lamp_of_light, n_lamps, n_parts } = *self;
+        let Self { world, patches, gather_rays, is_shown, seed, ref lamp_of_light, n_lamps, n_parts, .. } = *self;
         for k in into.points..points {
             let mut sampler = Sampler::new(mix(seed ^ 0x00d1_7ec7), i as u64, k);
             let mut at = patches.sample_by::<K>(world, PatchId(i as u32), sampler.next_2d());
@@ -384,6 +399,14 @@ mod tests {
     use super::*;
 
     /// Two points, one lit with 2 and one dark: the variance of a point is 2, that of their mean 1.
+    #[test]
+    fn many_rough_patches_may_be_noisier_than_few_or_fine_ones() {
+        assert_eq!(allowed_noise(1900, ROUGH), NOISE);
+        assert!((allowed_noise(8000, ROUGH) / NOISE - 2.0).abs() < 1e-12);
+        assert_eq!(allowed_noise(8000, 0.5 * ROUGH), NOISE);
+        assert_eq!(allowed_noise(1_000_000, ROUGH), MOST_NOISE * NOISE);
+    }
+
     #[test]
     fn the_noise_of_a_mean_is_that_of_independent_points() {
         let lit = Incident { irradiance: Rgb::grey(2.0), accepted: Rgb::grey(1.0) };

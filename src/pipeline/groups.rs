@@ -137,6 +137,7 @@ pub(super) fn solve(
                 whole.error_bound = whole.error_bound.max(solution.error_bound);
                 whole.spectral_bound = whole.spectral_bound.max(solution.spectral_bound);
                 whole.amplification = whole.amplification.max(solution.amplification);
+                whole.mean_amplification = whole.mean_amplification.max(solution.mean_amplification);
                 whole.rooms = whole.rooms.max(solution.rooms);
                 whole.converged &= solution.converged;
                 whole

@@ -195,6 +195,7 @@ pub struct SolutionSummary {
     error_bound: f64,
     spectral_bound: f64,
     amplification: f64,
+    mean_amplification: f64,
     rooms: u32,
     solver: Solver,
     converged: bool,
@@ -202,15 +203,16 @@ pub struct SolutionSummary {
 
 impl From<&Solution> for SolutionSummary {
     fn from(s: &Solution) -> Self {
-        let Solution { sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged, .. } = *s;
-        Self { sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged }
+        let Solution { sweeps, error_bound, spectral_bound, amplification, mean_amplification, rooms, solver, converged, .. } =
+            *s;
+        Self { sweeps, error_bound, spectral_bound, amplification, mean_amplification, rooms, solver, converged }
     }
 }
 
 impl SolutionSummary {
     fn with(self, irradiance: Vec<Rgb>) -> Solution {
-        let Self { sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged } = self;
-        Solution { irradiance, sweeps, error_bound, spectral_bound, amplification, rooms, solver, converged }
+        let Self { sweeps, error_bound, spectral_bound, amplification, mean_amplification, rooms, solver, converged } = self;
+        Solution { irradiance, sweeps, error_bound, spectral_bound, amplification, mean_amplification, rooms, solver, converged }
     }
 }
 
@@ -287,7 +289,9 @@ pub fn solve_from(
     let lamps = kept.lamps.and_then(|lamps| direct::with_strengths_of(world, lamps));
     reused.lamps = lamps.is_some();
     let rays_beside = how.rays_beside_shadow_rays(world);
-    let measure = || direct::measure(world, &patches, (rays_beside, settings.seen != Seen::Nothing), seed, counts);
+    let allowed = direct::allowed_noise(patches.len(), settings.form_factor_tolerance);
+    let seen = (settings.seen != Seen::Nothing).then_some(allowed);
+    let measure = || direct::measure(world, &patches, (rays_beside, seen), seed, counts);
     let (lamps, mut shown) = watch.time(Stage::PatchDirect, || lamps.map_or_else(measure, |lamps| (lamps, None)));
     stop_if_asked(observer, Stage::PatchDirect)?;
     reused.form_factors = kept.form_factors.is_some();

@@ -35,7 +35,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"TWOPASS\x1a";
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 const TAGS: [&[u8; 4]; 5] = [b"META", b"PTCH", b"FORM", b"LAMP", b"SOLN"];
 
 /// With what settings the file was made.

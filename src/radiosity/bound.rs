@@ -24,6 +24,8 @@ pub(super) struct ErrorBound {
     weight: Vec<Rgb>,
     /// Largest of these.
     pub amplification: f64,
+    /// Mean of the companion over the area of the set where it is largest: how much a set amplifies what is wrong everywhere alike.
+    pub mean_amplification: f64,
     /// Products with the form factors that this took.
     pub gathers: u32,
 }
@@ -31,7 +33,7 @@ pub(super) struct ErrorBound {
 impl ErrorBound {
     /// Finds a companion v for each set: 1, the solution over rooms, or, where neither will do, steps of `method` from there.
     pub fn new(system: &RadiositySystem<'_>, sets: &Sets, coarse: &Coarse, weight: &[Rgb], method: Method) -> Self {
-        let mut bound = Self { weight: vec![Rgb::BLACK; system.len()], amplification: 1.0, gathers: 0 };
+        let mut bound = Self { weight: vec![Rgb::BLACK; system.len()], amplification: 1.0, mean_amplification: 1.0, gathers: 0 };
         let mut ones = vec![Rgb::BLACK; system.len()];
         sets.members.iter().flatten().for_each(|&i| ones[i] = Rgb::WHITE);
         let plain: Vec<Rgb> = ones.iter().zip(&sets.row_reflectance).map(|(v, row)| *v - *row).collect();
@@ -54,6 +56,7 @@ impl ErrorBound {
         for set in &sets.members {
             let amplification = take_better(&mut bound.weight, set, &v, &settled);
             bound.amplification = bound.amplification.max(amplification);
+            bound.mean_amplification = bound.mean_amplification.max(system.mean_irradiance(set, &v));
         }
         bound
     }

@@ -103,6 +103,7 @@ impl Prepared {
             error_bound: 0.0,
             spectral_bound: self.sets.spectral_bound(),
             amplification: self.bound.amplification,
+            mean_amplification: self.bound.mean_amplification,
             rooms: self.coarse.rooms,
             solver,
             converged: true,

@@ -95,8 +95,9 @@ pub struct Solution {
     /// Bound on the largest eigenvalue: the largest of rho_i times the sum of row i.
     pub spectral_bound: f64,
     /// Bound on how much the system amplifies, the largest row sum of (I - F rho)⁻¹: 1/(1 - rho) in a closed room of one reflectance.
-    /// What is wrong with a row sum of F counts in the solution by this less 1.
     pub amplification: f64,
+    /// The same in the mean over the area: what rows of F make or lose of light counts in all of the solution by about this less 1.
+    pub mean_amplification: f64,
     /// Rooms found, over all sets of patches that exchange light; 0 where the solver had no use for them.
     pub rooms: u32,
     /// The method that got there: another than was asked for where that one is not made for the system.

@@ -87,7 +87,7 @@ pub struct Hierarchy {
     rooms: KnownRooms,
     /// Memory of products, in one channel and in three.
     #[serde(skip)]
-    spare: (Spare<1>, Spare<3>),
+    spare: (Spare<1>, Spare<4>),
     /// Quality before correction.
     pub closure: Closure,
 }
@@ -163,8 +163,12 @@ impl Hierarchy {
 
     /// out_i = sum_j F_ij x_j over what is seen directly, in parallel: the same bits on any number of threads.
     pub fn gather_direct(&self, x: &[Rgb], out: &mut [Rgb]) {
-        let of = |place: usize| x[self.patch[place] as usize].to_array();
-        self.transport(&self.spare.1, of, |place, v| out[self.patch[place] as usize] = v.into());
+        // Of four numbers the processor adds all at once, of three it does not.
+        let of = |place: usize| {
+            let [r, g, b] = x[self.patch[place] as usize].to_array();
+            [r, g, b, 0.0]
+        };
+        self.transport(&self.spare.1, of, |place, [r, g, b, _]| out[self.patch[place] as usize] = Rgb::new(r, g, b));
     }
 
     /// Sums of rows by place: D F D 1 + K 1.
@@ -277,7 +281,7 @@ impl Hierarchy {
             row_sum_max: if high.is_finite() { high } else { 0.0 },
             escaped_max: (0..self.place.len()).map(|i| outside.escaped(i).max()).fold(0.0, f64::max),
             reciprocity_defect: 0.0,
-            corrected_defect: closed.iter().zip(&target).map(|(s, t)| (s - t).abs()).fold(0.0, f64::max),
+            corrected_defect: Closure::mean_defect((0..closed.len()).map(|at| (self.area[at], closed[at], target[at]))),
         };
         outside
     }
